@@ -1,7 +1,8 @@
-"""Frames that cannot be told apart where both are waited for: found by building one and reading it as the other.
+"""Find frames that a receiver cannot distinguish, by building a frame and reading it as another frame.
 
-A receiver tries the frames of a receive matrix in the order of its rows. A frame whose every sample an earlier one
-takes is never found; that is an error. Guide: receiving, checker. Which bytes come on a line is not known here.
+A receiver tries the frames of a receive matrix in row order. If an earlier frame accepts every sample of a later frame,
+the later frame is never found; that is an error. The check does not know which bytes are possible on the real line.
+Guide: receiving, checker.
 """
 
 from __future__ import annotations
@@ -28,16 +29,20 @@ from framekit.definition.problems import Position, Problem
 from framekit.definition.times import parse_format
 
 WEAK = 8
-"""Bits of a check code that is looked at."""
+"""Check codes of at most this number of bits are tested."""
 
 TRIALS = 600
-"""Errors of two bits that are tried on a frame."""
+"""Number of two-bit errors that are tested on a frame."""
 
 WORTH_TELLING = 0.005
+"""Share of undetected two-bit errors from which a warning is given."""
 
 
 def check_weak_codes(codec: Codec, sampler: Sampler) -> list[Problem]:
-    """One warning, for the frame that lets the most through; none on lines that have parity, or no room for it."""
+    """Return a warning for the frame whose check code misses the most two-bit errors, or an empty list.
+
+    Only serial lines without parity and without mark bits are checked.
+    """
     protocol = codec.protocol
     if protocol.line.kind != "serial":
         return []
@@ -60,7 +65,7 @@ def check_weak_codes(codec: Codec, sampler: Sampler) -> list[Problem]:
 
 
 def passing(codec: Codec, frame: str, sample: Sample, context: Mapping[str, Any]) -> float:
-    """The share of damaged samples (two bits turned over) that are read as good frames with other values."""
+    """Return the share of samples with two inverted bits that decode as valid frames with other values."""
     random_ = random.Random(f"framekit {frame}")
     passed = 0
     for _ in range(TRIALS):
@@ -75,13 +80,13 @@ def passing(codec: Codec, frame: str, sample: Sample, context: Mapping[str, Any]
 
 
 def _weak_check(frame: Frame) -> Check | None:
-    """The frame's check code, if all it has are weak ones."""
+    """Return the frame's check code if all of its verified check codes are weak, else None."""
     checks = [check for check in parts_of(frame.segments, Check) if check.verify == "error"]
     return checks[0] if checks and all(check.method.width <= WEAK for check in checks) else None
 
 
 def _longest(sampler: Sampler, frame: Frame, check: Check) -> Sample | None:
-    """The longest sample that has its check code."""
+    """Return the longest sample in which the check code is present, or None."""
     there = [sample for sample in sampler.samples(frame.name) if _is_there(check, sample, sampler.context)]
     return max(there, key=lambda sample: len(sample.data), default=None)
 
@@ -101,7 +106,10 @@ def _todo(protocol: Protocol) -> str:
 
 
 def check_hidden_ends(protocol: Protocol) -> Iterator[Problem]:
-    """At most one warning a frame. Delimited bodies cannot hold their end: that is checked elsewhere."""
+    """Yield at most one warning per frame: content that may contain the constant that ends it.
+
+    Delimited bodies are checked elsewhere: they cannot contain their end.
+    """
     for frame in protocol.frames.values():
         for place, segment in enumerate(frame.segments[:-1]):
             if frame.delimited or segment.when:
@@ -117,7 +125,9 @@ def check_hidden_ends(protocol: Protocol) -> Iterator[Problem]:
 
 
 def check_silent_ends(codec: Codec, sampler: Sampler) -> Iterator[Problem]:
-    """Frames that only silence ends, on a connection where nothing says how long that is: there it ends nothing."""
+    """Yield a problem for each frame that only silence ends, on a connection without a defined silence
+    (`receiver.quiet`).
+    """
     protocol = codec.protocol
     if protocol.line.kind != "stream" or protocol.receiver.quiet is not None:
         return
@@ -132,7 +142,10 @@ def check_silent_ends(codec: Codec, sampler: Sampler) -> Iterator[Problem]:
 
 
 def check_ends_inside(codec: Codec, sampler: Sampler) -> Iterator[Problem]:
-    """Frames inside whose bytes may be the beginning of one that is tried before them: a receiver waits for that."""
+    """Yield a problem for each inner frame whose bytes may begin a longer frame that is tried first.
+
+    A receiver would wait for the rest of the longer frame.
+    """
     for frame in codec.protocol.frames.values():
         for inner in parts_of(frame.segments, Inner):
             for later in inner.frames[1:] if inner.size is None else ():
@@ -146,7 +159,9 @@ def check_ends_inside(codec: Codec, sampler: Sampler) -> Iterator[Problem]:
 
 
 def _waiting(codec: Codec, sampler: Sampler, frame: str, inner: Inner, later: str) -> bytes | None:
-    """A frame with another inside that is complete without silence, and measured as if more came."""
+    """Return a frame whose inner frame is complete without silence, but for which `measure` still expects bytes; or
+    None.
+    """
     outer = [sample.values for sample in sampler.samples(frame) if inner.name in sample.values]
     for values, inside in zip(outer, sampler.samples(later), strict=False):
         if codec.measure(later, inside.data, ctx=sampler.context) == codec.QUIET:
@@ -187,11 +202,11 @@ def _warning(
 
 
 ANNOUNCED = 16
-"""What a size is that an earlier frame would have announced."""
+"""The sample value of a size that an earlier frame would have announced."""
 
 
 class SampleLine:
-    """`line` of the language at a usual speed."""
+    """Implement `line` of the language at a common speed: 9600 bit/s, times in nanoseconds."""
 
     speed = 9600
 
@@ -208,7 +223,7 @@ class SampleLine:
 
 
 def sample_context(protocol: Protocol) -> dict[str, Any]:
-    """A context for encoding and decoding frames of this protocol; names it cannot give a value are left out."""
+    """Return a context for encoding and decoding the protocol's frames; names without a sample value are omitted."""
     station = _station(protocol)
     clock = dict.fromkeys(("second", "minute", "hour", "day", "month", "year", "weekday"), 7)
     context: dict[str, Any] = {
@@ -223,7 +238,7 @@ def sample_context(protocol: Protocol) -> dict[str, Any]:
         if variable.announced:
             context[variable.name] = _announced(variable)
     items: list[Parameter | StateVariable] = [*protocol.params.values(), *protocol.state.values()]
-    for _ in range(3):  # defaults may stand on other defaults
+    for _ in range(3):  # defaults may depend on other defaults
         for item in items:
             if item.name not in context:
                 context |= _worked_out(item, context)
@@ -231,7 +246,7 @@ def sample_context(protocol: Protocol) -> dict[str, Any]:
 
 
 def _announced(variable: StateVariable) -> Any:
-    """What an earlier frame would have announced; in a table for every key."""
+    """Return a sample value of a state variable that earlier frames announce; a table holds it for every key."""
     samples: dict[str, Any] = {"bytes": bytes(variable.size or ANNOUNCED), "text": "A"}
     value = samples.get(variable.type, ANNOUNCED)
     return value if variable.keys is None else RangeTable({}, ((*variable.keys, value),))
@@ -258,39 +273,40 @@ def _worked_out(item: Parameter | StateVariable, context: Mapping[str, Any]) -> 
 
 
 FEWEST = 2
-"""So many samples at least must be taken for the other frame before that is believed of all (or the only one)."""
+"""Minimum number of samples that must be accepted as the other frame; fewer only for a constant frame."""
 
 PLACES = 6
-"""Constant bytes of a frame that are looked at before it is tried."""
+"""Limit of the constant bytes of a frame that are compared before it is tried."""
 
 MOST_TWIN = 64
-"""Bytes of a frame of fixed size that others of the same size are compared with."""
+"""Largest size in bytes of a frame of fixed size that is compared with others of the same size."""
 
 ALIKE = 256
-"""Frames in one list that no constant tells from another one."""
+"""Limit of the frames in a list that no constant distinguishes from another frame."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Candidate:
-    """A frame that is waited for, and where that stands. `free`: its row takes it whatever it holds.
-
-    Frames of one `row` lead to the same, so that it matters little which of them is found. `inside`: it stands in
-    another frame, which ends it.
-    """
+    """A frame that a receiver waits for."""
 
     frame: str
     free: bool
+    """Whether its row accepts it without a condition."""
     at: Position
+    """The position of the frame in the list."""
     row: int | None = None
+    """The number of its row; frames of a row have the same consequence, so confusing them rarely matters."""
     inside: bool = False
+    """Whether another frame contains it and determines its end."""
 
 
 def check_matrices(
     protocol: Protocol, weak_codes: bool = True, built: Callable[[], Collection[str]] = frozenset
 ) -> list[Problem]:
-    """Frames that cannot be told apart, and warnings of ends and, where wanted, of check codes that hold little.
+    """Return problems for frames that cannot be distinguished, and warnings about ends and, if wanted, weak check
+    codes.
 
-    `built` gives the frames that are known to be built of some values.
+    `built` returns the names of frames that are known to be built from some values.
     """
     codec = compile_protocol(protocol)
     sampler = Sampler(codec, sample_context(protocol))
@@ -305,7 +321,7 @@ def check_matrices(
 
 
 def _not_tried(protocol: Protocol, sampler: Sampler, built: Callable[[], Collection[str]]) -> Iterator[Problem]:
-    """Frames that could not be built, so that nothing was found out by building them."""
+    """Yield a warning for each frame of which no sample could be built, so that no test was possible."""
     known = built() if sampler.in_vain else ()
     for name in sampler.in_vain:
         if name in known:
@@ -315,7 +331,9 @@ def _not_tried(protocol: Protocol, sampler: Sampler, built: Callable[[], Collect
 
 
 def _matrices(protocol: Protocol) -> Iterator[tuple[list[_Candidate], str]]:
-    """Every list of frames that are looked for at once, in order, and what can be done about two of one kind."""
+    """Yield every list of frames that are searched at once, in order, and the advice for two frames of the same
+    look.
+    """
     rows_todo = "add a when: to the row above, or give one of the frames another constant"
     for sequence in protocol.sequences.values():
         for step in sequence.steps:
@@ -346,7 +364,7 @@ def _comes_from(frame: Frame, side: str) -> bool:
 
 
 class _Before:
-    """The frames of one list so far, found by their constant bytes: by where these are, and by what is there."""
+    """The earlier frames of a list, indexed by the offsets and values of their constant bytes."""
 
     def __init__(self) -> None:
         self._known: dict[tuple[int, ...], dict[tuple[int, ...], list[tuple[int, _Candidate]]]] = {}
@@ -359,7 +377,7 @@ class _Before:
         self._count += 1
 
     def like(self, data: bytes) -> Iterator[_Candidate]:
-        """Those whose constants are in these bytes, in their order."""
+        """Yield the frames whose constants the bytes contain, in list order."""
         found = [
             frames.get(tuple(data[place] for place in places), [])
             for places, frames in self._known.items()
@@ -369,6 +387,8 @@ class _Before:
 
 
 class _Checker:
+    """Compare the frames of receive matrices; results are cached per pair of frames."""
+
     def __init__(self, codec: Codec, sampler: Sampler) -> None:
         self.codec = codec
         self.sampler = sampler
@@ -378,7 +398,7 @@ class _Checker:
         self.constants: dict[str, tuple[tuple[int, int], ...]] = {}
 
     def matrix(self, candidates: list[_Candidate], todo: str) -> Iterator[Problem]:
-        """Frames of one matrix that earlier ones always take."""
+        """Yield a problem for each frame of a matrix that an earlier frame always accepts."""
         before = _Before()
         known: set[str] = set()
         for later in candidates:
@@ -408,14 +428,14 @@ class _Checker:
             before.add(later, self._constants(later.frame))
 
     def _own_place(self, later: _Candidate, todo: str) -> tuple[Position, str]:
-        """Where to tell it and what to do: at the frame where that is the user's own, and the row another file's."""
+        """Return the position and the advice for a problem: the user's own frame if the row belongs to another file."""
         own, frame = self.codec.protocol.at.file, self.codec.protocol.frames[later.frame].at
         if later.at.file == own or frame.file != own:
             return later.at, todo
         return frame, "give one of the frames another constant, in its where: or in its body"
 
     def _constants(self, frame: str) -> tuple[tuple[int, int], ...]:
-        """The first bytes of a frame that can have one value only: their places and values."""
+        """Return offset and value of the first bytes of a frame that can have one value only."""
         if frame not in self.constants:
             fixed = dict(fixed_bytes(self.static.segments(self.codec.protocol.frames[frame])))
             single = sorted((place, next(iter(values))) for place, values in fixed.items() if len(values) == 1)
@@ -423,14 +443,14 @@ class _Checker:
         return self.constants[frame]
 
     def _matters(self, earlier: _Candidate, later: _Candidate) -> bool:
-        """Whether it would make a difference: not in one row, unless both are messages of one group and side."""
+        """Return whether confusing the frames has a consequence: in one row only for messages of one group and side."""
         if earlier.row is None or earlier.row != later.row:
             return earlier.free
         one, other = (self.codec.protocol.frames[each.frame] for each in (earlier, later))
         return one.side == other.side and one.groups[:1] == other.groups[:1] != ()
 
     def _taken(self, earlier: _Candidate, later: _Candidate) -> Sample | None:
-        """A sample of `later`, if each of them would be taken for `earlier`."""
+        """Return a sample of `later` if every sample of it would be accepted as `earlier`, else None."""
         key = earlier.frame, later.frame, later.inside
         if key not in self.samples_taken:
             samples = self.sampler.samples(later.frame)
@@ -440,7 +460,10 @@ class _Checker:
         return self.samples_taken[key]
 
     def _twin(self, earlier: _Candidate, later: _Candidate) -> Sample | None:
-        """A sample of `later`, which varies in size, as long as `earlier` is, if each of that size is taken for it."""
+        """Return a sample of `later` with the size of `earlier` if every sample of that size is accepted as `earlier`.
+
+        None if `later` has a fixed size.
+        """
         size = self.static.frame(earlier.frame).fixed
         if size is None or size > MOST_TWIN or self.static.frame(later.frame).fixed is not None:
             return None
@@ -452,11 +475,13 @@ class _Checker:
         return self.twins[key]
 
     def _is_constant(self, frame: str) -> bool:
-        """Whether one sample is all there is: nothing in the frame varies."""
+        """Return whether a frame has no variable values, so that one sample is enough."""
         return not self.sampler.samples(frame)[0].values
 
     def _fits(self, frame: str, sample: Sample, inside: bool) -> bool:
-        """Whether a receiver that looks for `frame` first takes it from the bytes of a sample (`inside`: all)."""
+        """Return whether a receiver that tries `frame` first accepts the bytes of a sample; `inside`: all of the
+        bytes.
+        """
         context = self.sampler.context
         try:
             length = len(sample.data) if inside else self.codec.measure(frame, sample.data, ctx=context)
@@ -470,6 +495,6 @@ class _Checker:
         return self._echo_agrees(frame, values, sample)
 
     def _echo_agrees(self, frame: str, values: dict[str, Any], sample: Sample) -> bool:
-        """A client takes only what repeats the request: fields of one name would have to hold the same."""
+        """Return whether the echoed fields of `frame` equal those of the sample, as a client requires."""
         echo = self.codec.protocol.frames[frame].echo
         return all(name not in sample.read or values.get(name) == sample.read[name] for name in echo)

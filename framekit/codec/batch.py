@@ -1,8 +1,8 @@
-"""Many frames at once, in columns: the values that `decode` gives, worked out with NumPy where it is installed.
+"""Decode many frames at once, in columns, with NumPy if it is installed; the values equal those of `decode`.
 
-A plan says what is where in frames of one length, as far as that stands still: columns, tests, and where a frame is
-inside. Only plain segments have a plan: constants, numbers of whole bytes, bits, bytes, a length, a check code over
-everything. A frame with anything else, or a condition, has none, and is decoded one by one.
+A plan describes frames of one length: columns, tests, and the span of the inner frame. Only simple segments have a
+plan: constants, numbers of whole bytes, bits, bytes, a length, and a check code over the whole frame. Frames with other
+segments or conditions are decoded individually.
 """
 
 from __future__ import annotations
@@ -25,43 +25,52 @@ from framekit.definition.model.segments import Bits, Check, Const, Count, Data, 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A value at a fixed place: `size` bytes, a number in `order` or bytes, or bits `shift` and `mask` of it."""
+    """A value at a fixed offset: a number or bytes, or some bits of a number."""
 
     path: Path
     offset: int
     size: int
+    """Size in bytes."""
     order: str = ""
+    """Byte order of a number; '' for bytes."""
     signed: bool = False
     shift: int = 0
+    """Position of the lowest bit."""
     mask: int = 0
+    """Mask of the bits after the shift; 0 for the whole number."""
     allowed: tuple[int, ...] | None = None
     limits: tuple[int, int] | None = None
 
 
 @dataclass(slots=True)
 class BatchPlan:
-    """`inner`: offset, size, path and candidates of the frame inside. `requires`: paths of what a condition reads."""
+    """The plan of frames of one length."""
 
     columns: list[Column] = field(default_factory=list)
+    """The values, in frame order."""
     constants: list[tuple[int, bytes]] = field(default_factory=list)
+    """Offset and bytes of each constant."""
     check: tuple[CheckMethod, int, int, str] | None = None
+    """Method, offset, size and byte order of the check code."""
     requires: list[tuple[Path, ...]] = field(default_factory=list)
+    """For each condition the paths that it reads."""
     inner: tuple[int, int, Path, tuple[str, ...]] | None = None
+    """Offset, size, path and candidates of the inner frame."""
 
 
 class NoPlanError(Exception):
-    """A segment that these plans know nothing of, or a length the frame cannot have."""
+    """Raised for a segment that plans do not support, or a length that the frame cannot have."""
 
 
 class BatchPlanner:
-    """Makes plans of a protocol's frames."""
+    """Make plans of a protocol's frames."""
 
     def __init__(self, frames: Mapping[str, Frame]) -> None:
         self._frames = frames
         self._static = StaticSizes(frames)
 
     def plan(self, name: str, size: int, offset: int = 0, path: Path = ()) -> BatchPlan:
-        """The plan of a frame of `size` bytes from `offset` on. Raises NoPlanError."""
+        """Return the plan of a frame of `size` bytes at `offset`. Raises NoPlanError."""
         frame = self._frames[name]
         if frame.most is not None and size > frame.most:
             raise NoPlanError
@@ -121,7 +130,7 @@ class BatchPlanner:
 
 
 def _fixed(segment: Segment) -> int | None:
-    """Bytes of a segment where that is certain; None where the frame's length decides."""
+    """Return the fixed size of a segment in bytes, or None if the frame's length determines it. Raises NoPlanError."""
     if isinstance(segment, Inner):
         return None
     size = fixed_size(segment)
@@ -168,14 +177,17 @@ def _bits(segment: Bits, offset: int, path: Path) -> list[Column]:
 
 
 def _plain(type_: FieldType) -> tuple[int, str]:
-    """Size and byte order of a plain number."""
+    """Return size and byte order of a plain number. Raises NoPlanError for other types."""
     if type_.kind != "int" or type_.fixed_size not in (1, 2, 4, 8) or type_.order not in ("big", "little"):
         raise NoPlanError
     return type_.fixed_size, type_.order
 
 
 def _known_size(data: Data, segments: tuple[Segment, ...]) -> None:
-    """The size has to follow from the frame's length alone: a number, the rest, or a length that counts just this."""
+    """Raise NoPlanError unless the size follows from the frame's length.
+
+    That is a number, the rest, or a length that counts only these data.
+    """
     if isinstance(data.size, Expression):
         root = data.size.root
         lengths = [one for one in segments if isinstance(one, Length) and one.of == (data.name,)]
@@ -190,7 +202,9 @@ def _check(check: Check, offset: int) -> tuple[CheckMethod, int, int, str]:
 
 
 def codes_of(numpy: Any, method: CheckMethod, table: Any) -> Any:
-    """The codes of every row of `table` (rows × bytes), as numbers of 64 bits; None for an unknown method."""
+    """Return the check codes of every row of `table` (rows × bytes) as 64-bit numbers; None for an unsupported
+    method.
+    """
     code = _raw(numpy, method, table)
     if code is None:
         return None
@@ -211,7 +225,7 @@ def _raw(numpy: Any, method: CheckMethod, table: Any) -> Any:
 
 
 def _crc(numpy: Any, method: CheckMethod, table: Any) -> Any:
-    """Byte by byte, but all rows together."""
+    """Compute a CRC byte by byte, for all rows together."""
     width, steps = (
         method.width,
         numpy.array(support.make_crc_table(method.width, method.poly, method.refin), dtype=numpy.int64),
@@ -235,20 +249,22 @@ if TYPE_CHECKING:
 
 try:
     import numpy
-except ImportError:  # an optional dependency
+except ImportError:  # NumPy is an optional dependency
     numpy = None  # type: ignore[assignment]
 
 CHUNK = 65536
-"""Frames that are worked on together: enough that NumPy's calls cost nothing, few enough for the caches."""
+"""Frames that are processed together: many enough to amortize NumPy's calls, few enough for the processor's cache."""
 MANY = 4096
-"""So many different contents of a condition are tried one by one; if there are more, so are the frames."""
+"""Limit of the distinct inputs of a condition that are tested individually; with more, all frames are decoded
+singly.
+"""
 
 
 class BatchDecoder:
-    """Decodes frames called `frame` of a codec. `ctx` as for `decode`."""
+    """Decode many frames called `frame` of a codec, with the context `ctx` as for `decode`."""
 
     def __init__(self, codec: Codec, frame: str, ctx: Context | None = None) -> None:
-        """Raises KeyError for an unknown frame."""
+        """Raise KeyError for an unknown frame."""
         self._decode_one = codec.decoders[frame]
         self._frame = frame
         self._frames = codec.protocol.frames
@@ -256,7 +272,7 @@ class BatchDecoder:
         self._planner = BatchPlanner(codec.protocol.frames)
 
     def decode(self, cut: Cut) -> Batch:
-        """The values of all frames. A frame that is none is told by its FrameError in `Batch.singles`."""
+        """Return the values of all frames; the FrameError of an invalid frame is in `Batch.singles`."""
         groups: list[BatchGroup] = []
         left: list[int] = []
         if numpy is None:
@@ -286,7 +302,7 @@ class BatchDecoder:
                 left += _OneLength(self, table, some, cut, groups).take().tolist()
 
     def agrees(self, group: BatchGroup, cut: Cut) -> bool:
-        """Whether the group's first frame has the values that `decode` gives."""
+        """Return whether the group's first frame has the values that `decode` returns."""
         return self._single(cut[int(group.rows[0])]) == group.values(0)
 
 
@@ -302,7 +318,7 @@ class _OneLength:
         self.left = numpy.zeros(len(rows), dtype=bool)
 
     def take(self) -> Any:
-        """Makes groups; the numbers of the rows that are left over."""
+        """Form groups of frames; return the numbers of the frames that must be decoded individually."""
         size = self.table.shape[1]
         try:
             plan = self.decoder._planner.plan(self.decoder._frame, size)
@@ -320,7 +336,7 @@ class _OneLength:
         return self.rows[self.left]
 
     def _check(self, plan: BatchPlan) -> Any:
-        """Where the check code is right; None where it cannot be worked out here."""
+        """Return a mask of the rows with a correct check code; None if the method is not supported."""
         if plan.check is None:
             return numpy.ones(len(self.rows), dtype=bool)
         method, offset, size, order = plan.check
@@ -330,7 +346,7 @@ class _OneLength:
         return codes & (1 << 8 * size) - 1 == _numbers(self.table, Column((), offset, size, order))
 
     def _fits(self, plan: BatchPlan, table: Any) -> Any:
-        """Where constants and limits are kept."""
+        """Return a mask of the rows whose constants and limits are correct."""
         good = numpy.ones(len(table), dtype=bool)
         for offset, data in plan.constants:
             good &= (table[:, offset : offset + len(data)] == numpy.frombuffer(data, numpy.uint8)).all(axis=1)
@@ -343,7 +359,7 @@ class _OneLength:
         return good
 
     def _inside(self, plan: BatchPlan, good: Any) -> None:
-        """The frame inside: each row goes to the first candidate that no constant byte contradicts."""
+        """Group rows by inner frame: each row belongs to the first candidate that no constant byte contradicts."""
         assert plan.inner is not None
         offset, size, path, frames = plan.inner
         open_ = good
@@ -389,7 +405,9 @@ class _OneLength:
             self.left[places] = True
 
     def _held(self, columns: list[Any], places: Any) -> Any:
-        """Where a condition over these columns holds: one frame of every different content is decoded by itself."""
+        """Return a mask of the rows that fulfil a condition over these columns; one frame of each distinct input is
+        decoded.
+        """
         key = numpy.zeros(len(places), dtype=numpy.int64)
         for column in columns:
             if column.ndim != 1:
@@ -404,7 +422,7 @@ class _OneLength:
 
 
 def _numbers(table: Any, column: Column) -> Any:
-    """The numbers of a column."""
+    """Return the numbers of a column."""
     kind = f"{'>' if column.order == 'big' else '<'}{'i' if column.signed else 'u'}{column.size}"
     raw = numpy.ascontiguousarray(table[:, column.offset : column.offset + column.size])
     numbers = raw.view(kind)[:, 0]
@@ -414,12 +432,12 @@ def _numbers(table: Any, column: Column) -> Any:
 
 
 def _among(numbers: Any, allowed: tuple[int, ...]) -> Any:
-    """Where a number is one of a few; a single one, the usual case, needs no search."""
+    """Return a mask of the numbers that are allowed; a single allowed number, the usual case, needs no search."""
     return numbers == allowed[0] if len(allowed) == 1 else numpy.isin(numbers, allowed)
 
 
 def _values(table: Any, column: Column) -> Any:
-    """Numbers in the machine's order, or rows of bytes."""
+    """Return the numbers of a column in native byte order, or its rows of bytes."""
     if not column.order:
         return numpy.ascontiguousarray(table[:, column.offset : column.offset + column.size])
     numbers = _numbers(table, column)

@@ -1,8 +1,8 @@
-"""The cache of compiled protocols: a folder of the user, used from one command to the next.
+"""Cache compiled protocols in a folder of the user, for later commands.
 
 An entry is valid only for the same version and code of framekit and Python, while every source file has the same
-content and every name in it means the same file. The model of a protocol is unpickled on demand: decoding a frame needs
-only the functions and a `FrameNote`.
+content and every name in it refers to the same file. The model of a protocol is unpickled on demand: decoding a frame
+needs only the functions and a `FrameNote`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 MOST_BYTES = 268_435_456
-"""The largest size of all files together; then the oldest are removed, but never the newest."""
+"""Limit of the total size of all files, in bytes; beyond it the oldest files are removed, but never the newest."""
 
 SUFFIX = ".framekit"
 """The suffix of the cache's files; files with other suffixes are never removed."""
@@ -136,7 +136,7 @@ class FrameNote(NamedTuple):
 
 
 class CacheEntry(NamedTuple):
-    """An entry of the cache; the model is pickled, since most commands do not need it."""
+    """A cached protocol; the model is pickled, because most commands do not need it."""
 
     sources: tuple[Any, ...]
     name: str
@@ -147,20 +147,22 @@ class CacheEntry(NamedTuple):
 
 
 class CachedCodec(FrameFunctions):
-    """The functions of a protocol's frames; `catalogue`: its frames; `warned`: its definition has warnings."""
+    """The functions of a protocol's frames, from a cache entry."""
 
     def __init__(self, kept: CacheEntry, again: Callable[[], CacheEntry]) -> None:
         super().__init__(module_of(kept.name, kept.code))
         self.catalogue: Mapping[str, FrameNote] = {note[0]: FrameNote(*note) for note in kept.frames}
+        """The facts of the protocol's frames, by name."""
         self.warned = kept.warned
+        """Whether the definition has warnings."""
         self._kept = kept
         self._again = again
 
     @cached_property
     def protocol(self) -> Protocol:
-        """The definition; it is made `again` if the entry is damaged.
+        """Return the definition, loaded again if the entry is damaged.
 
-        `compile_protocol` of it takes the code of the entry.
+        A later `compile_protocol` of it uses the code of the entry.
         """
         from framekit.codec.codec import codec_from
 
@@ -168,13 +170,13 @@ class CachedCodec(FrameFunctions):
         if protocol is None:
             self._kept = self._again()
             protocol = _model(self._kept)
-            assert protocol is not None  # it was made just now
+            assert protocol is not None  # the entry is new, so its model is valid
         codec_from(protocol, self._kept.code)
         return protocol
 
 
 def cached_codec(name: str | Path, folder: Path) -> CachedCodec:
-    """Return the codec of a protocol by name or file, seen from `folder`: from the cache, or made now and kept.
+    """Return the codec of a protocol by name or file, relative to `folder`: from the cache, or compiled and cached now.
 
     Raises DefinitionError.
     """
@@ -189,7 +191,7 @@ def cached_codec(name: str | Path, folder: Path) -> CachedCodec:
     files = None if cache is None else CacheFolder(cache)
     kept = None if files is None or path is None else files.read(path)
     if kept is not None:
-        with suppress(ImportError):  # a library that it was compiled for is no longer there
+        with suppress(ImportError):  # a library that the code was compiled for is no longer installed
             return CachedCodec(kept, made)
     return CachedCodec(made(), made)
 
@@ -215,17 +217,17 @@ def _parts(protocol: Protocol, sources: Sources, code: CodeType) -> CacheEntry:
 
 
 def _model(kept: CacheEntry) -> Protocol | None:
-    """Return the model; None if it is damaged."""
+    """Return the model of an entry, or None if the entry is damaged."""
     import gc
     import pickle
 
     from framekit.definition.model.protocol import Protocol
 
     collects = gc.isenabled()
-    gc.disable()  # tens of thousands of objects come, and none goes
+    gc.disable()  # the collector would visit tens of thousands of new objects in vain
     try:
         protocol = pickle.loads(kept.pickled)
-    except Exception:  # what is damaged may raise anything
+    except Exception:  # a damaged pickle may raise any exception
         return None
     finally:
         if collects:
@@ -234,38 +236,42 @@ def _model(kept: CacheEntry) -> Protocol | None:
 
 
 class CacheFolder:
-    """Entries in a folder, by the files of their definitions."""
+    """Read and write the entries of a folder, by the files of their definitions."""
 
     def __init__(self, cache: Path) -> None:
         self.cache = cache
         self._stamp = _stamp(__version__)
 
     def _key(self, path: Path) -> str:
-        broken = import_installed()  # before the states are asked for: what they bring has a part in every definition
+        broken = import_installed()  # before `states()`: installed extensions are part of every definition
         return hashlib.sha256(f"{path}\n{path.resolve()}\n{self._stamp}\n{broken}{states()}".encode()).hexdigest()
 
     def read(self, path: Path) -> CacheEntry | None:
-        """Return the entry of a file if it is whole and still valid."""
+        """Return the entry of a definition file, or None if it is missing, damaged or outdated."""
         content = self._content(self._key(path))
         if content is None:
             return None
         try:
             kept = CacheEntry(*marshal.loads(content))
             return kept if Sources(*kept.sources).still_hold() else None
-        except (EOFError, ValueError, TypeError, AttributeError, LookupError):  # nothing of ours: it is made again
+        # not an entry of this version: it is written again
+        except (EOFError, ValueError, TypeError, AttributeError, LookupError):
             return None
 
     def write(self, path: Path, kept: CacheEntry) -> None:
         self._write(self._key(path), tuple(kept))
 
     def read_code(self, path: Path, sources: Sources, what: str) -> CodeType | None:
-        """Return other code that was made of a definition with these very sources."""
+        """Return other code that was compiled from a definition with exactly these sources, or None.
+
+        `what` names the code.
+        """
         content = self._content(self._key_of_code(path, sources, what))
         if content is None:
             return None
         try:
             code = marshal.loads(content)
-        except (EOFError, ValueError, TypeError):  # nothing of ours: it is made again
+        except (EOFError, ValueError, TypeError):  # not an entry of this version: it is written again
             return None
         return code if isinstance(code, CodeType) else None
 
@@ -273,7 +279,7 @@ class CacheFolder:
         self._write(self._key_of_code(path, sources, what), code)
 
     def _content(self, key: str) -> bytes | None:
-        """Return the content of an entry if it is whole."""
+        """Return the content of an entry, or None if it is missing or damaged."""
         data = read_entry(self.cache, key) or b""
         digest, content = data[:32], data[32:]
         if hashlib.sha256(content).digest() != digest or not content.startswith(key.encode()):
@@ -281,7 +287,7 @@ class CacheFolder:
         return content[len(key) :]
 
     def _write(self, key: str, value: Any) -> None:
-        """Write an entry together with its key: under another name it is invalid."""
+        """Write an entry together with its key, so that it is invalid under another name."""
         content = key.encode() + marshal.dumps(value)
         keep(self.cache, key, hashlib.sha256(content).digest() + content)
 
@@ -290,7 +296,7 @@ class CacheFolder:
 
 
 class DefinitionCache:
-    """The cache for loaders and compilers (see `sources.Cache`)."""
+    """Provide the cache to loaders and compilers (see `sources.Cache`)."""
 
     def __init__(self, files: CacheFolder) -> None:
         self.files = files
@@ -334,14 +340,14 @@ class DefinitionCache:
 
 
 def definition_cache() -> DefinitionCache | None:
-    """Return the cache in the user's folder; None if no folder can be trusted."""
+    """Return the cache in the user's folder, or None if no folder can be trusted."""
     cache = cache_folder()
     return None if cache is None else DefinitionCache(CacheFolder(cache))
 
 
 @lru_cache(1)
 def _stamp(version: str) -> str:
-    """Return the versions, and size and time of every file of framekit that takes part in compiling."""
+    """Return a text with the versions, and the size and time of every file of framekit that takes part in compiling."""
     package = Path(__file__).parent.parent
     found = [version, sys.version, str(sys.implementation.cache_tag)]
     for folder in (package / "definition", package / "codec", package / "link", shipped_folder("schemas")):

@@ -1,7 +1,7 @@
-"""From check methods to code: the expression that computes a method, and the function made of it.
+"""Compute check codes: the expression of each check method, and the function compiled from it.
 
-The source compiler writes the expression into its modules, everything else calls the function: so a method means the
-same everywhere. Folds are the compilers' own business; how a code is written on the wire is, too.
+The source compiler writes the expression into its modules, all other callers use the function, so that both compute the
+same code. The compilers handle folds and the encoding of codes themselves.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from framekit.codec import support
 from framekit.definition.model.checks import CheckMethod, ready_methods
 
 FUNCTIONS: dict[str, Callable[[bytes], int]] = {}
-"""Functions of the kinds of methods that a program brings by itself."""
+"""The functions of check methods that a program has registered, by kind."""
 
 _MODULES = {width: f"fastcrc.crc{width}" for width in (8, 16, 32, 64)}
 _SAMPLES = (b"", b"123456789", bytes(range(256)), *(bytes([value]) for value in range(0, 256, 5)))
@@ -25,7 +25,7 @@ _SAMPLES = (b"", b"123456789", bytes(range(256)), *(bytes([value]) for value in 
 
 @dataclass(frozen=True, slots=True)
 class LibraryCrc:
-    """A function of the library, and what is put on its result by exclusive or."""
+    """A function of the library `fastcrc`, and the number to exclusive-or with its result."""
 
     module: str
     name: str
@@ -33,7 +33,7 @@ class LibraryCrc:
 
     @property
     def alias(self) -> str:
-        """What generated modules call it; upper case, as no local of theirs."""
+        """Return its name in generated modules: upper case, to differ from all locals."""
         return f"{self.module.rpartition('.')[2]}_{self.name}".upper()
 
     @property
@@ -43,7 +43,7 @@ class LibraryCrc:
 
 @cache
 def library_crc(method: CheckMethod) -> LibraryCrc | None:
-    """The library's function for a CRC; None if it has none."""
+    """Return the library's function for a CRC, or None if it has none."""
     module = _MODULES.get(method.width)
     if module is None or method.kind != "crc":
         return None
@@ -56,7 +56,7 @@ def library_crc(method: CheckMethod) -> LibraryCrc | None:
 
 
 def _codes(method: CheckMethod) -> list[int]:
-    """Our own codes of the samples."""
+    """Return the codes of the samples from our own implementation."""
     table = support.make_crc_table(method.width, method.poly, method.refin)
     rest = method.width, method.initial, method.refin, method.refout, method.xorout
     return [support.crc(sample, table, *rest) for sample in _SAMPLES]
@@ -64,7 +64,7 @@ def _codes(method: CheckMethod) -> list[int]:
 
 @cache
 def _library(module: str) -> list[tuple[str, list[int]]]:
-    """The functions of one of the library's modules by name, with their codes of the samples."""
+    """Return the functions of a module of the library by name, with their codes of the samples."""
     functions: Any = import_module(module)
     names = sorted(functions.algorithms_available)
     return [(name, [getattr(functions, name)(sample) for sample in _SAMPLES]) for name in names]
@@ -82,37 +82,38 @@ __all__ = [
 ]
 
 CALL = re.compile(r"[\w.]+\([^()]*\)")
-"""A single call: what needs no parentheses."""
+"""A single call, which needs no parentheses."""
 
 
 @dataclass(frozen=True, slots=True)
 class CheckSource:
-    """Python source of a check code over `data`.
-
-    `expression` stands without parentheses. It calls `functions` of `support`, uses the module
-    constants `constants` (name → expression, which may call functions of `makers`) and needs `imports`.
-    """
+    """Python source that computes a check code over `data`."""
 
     expression: str
+    """The expression, without outer parentheses."""
     functions: tuple[str, ...] = ()
+    """The functions of `support` that the expression calls."""
     constants: tuple[tuple[str, str], ...] = ()
+    """Module constants that the expression reads: name and expression."""
     makers: tuple[str, ...] = ()
+    """The functions of `support` that the constants call."""
     imports: tuple[str, ...] = ()
+    """The import lines that the expression requires."""
 
 
 def size_of(method: CheckMethod) -> int:
-    """Bytes the code takes as a plain number."""
+    """Return the size of the code in bytes, as a plain number."""
     return method.size
 
 
 def compute(method: CheckMethod, data: bytes | bytearray) -> int:
-    """The check code of `data`. Raises TypeError for a fold."""
+    """Return the check code of `data`. Raises TypeError for a fold."""
     return function_of(method)(data)
 
 
 @cache
 def function_of(method: CheckMethod) -> Callable[[bytes | bytearray], int]:
-    """The function that computes a method. Raises TypeError for a fold."""
+    """Return the function that computes a check method. Raises TypeError for a fold or a method with a key."""
     source = source_of(method, alone=False)
     names: dict[str, Any] = {name: getattr(support, name) for name in source.functions}
     names["own"] = FUNCTIONS.get(method.kind)
@@ -125,16 +126,16 @@ def function_of(method: CheckMethod) -> Callable[[bytes | bytearray], int]:
 
 
 def add_function(kind: str, function: Callable[[bytes], int]) -> None:
-    """The function of a kind of methods that a program brings by itself."""
+    """Register the function of a kind of check methods that a program defines."""
     FUNCTIONS[kind] = function
     function_of.cache_clear()
 
 
 @cache
 def residue_of(method: CheckMethod, size: int, order: str) -> int | None:
-    """What a CRC gives over bytes with their own code of `size` bytes behind them; None if that is not always the same.
+    """Return the CRC over any bytes followed by their own code of `size` bytes; None if it is not constant.
 
-    It is the same where the code stands on the line as its register shifts.
+    It is constant if the byte order on the line is the order in which the register shifts.
     """
     whole = method.kind == "crc" and method.width == 8 * size and method.mask is None and method.complement is None
     if not whole or method.refin != method.refout or (size > 1 and order != ("little" if method.refin else "big")):
@@ -150,9 +151,10 @@ def _constant(text: str, makers: tuple[str, ...]) -> Any:
 
 @cache
 def source_of(method: CheckMethod, data: str = "data", *, alone: bool = True, own: str = "own") -> CheckSource:
-    """The source that computes a method over the variable `data`; `alone`: with nothing but the standard library.
+    """Return the source that computes a check method over the variable `data`.
 
-    `own`: what the function of a kind that a program brings is called. Raises TypeError for a fold.
+    `alone`: use the standard library only. `own`: the name of a program's own function. Raises TypeError for a fold or
+    a method with a key.
     """
     if method.kind == "fold":
         raise TypeError(f"the fold '{method.name}' is an expression of its own")
@@ -170,7 +172,7 @@ def source_of(method: CheckMethod, data: str = "data", *, alone: bool = True, ow
 
 
 def _simple(method: CheckMethod, data: str) -> tuple[CheckSource, bool]:
-    """The code before cutting and complement, and whether it surely fits the width."""
+    """Return the source before mask and complement, and whether the result always fits the width."""
     start = method.initial
     size = (method.width + 7) // 8
     match method.kind:
@@ -199,9 +201,10 @@ def _crc(method: CheckMethod, data: str) -> CheckSource:
 
 
 def _standard_crc(method: CheckMethod, data: str) -> tuple[CheckSource, int] | None:
-    """The source, and what is left to be put on by exclusive or; None if the standard library does not help.
+    """Return source that uses the standard library, and the remaining number to exclusive-or; None if it has no such
+    CRC.
 
-    It has two polynomials, in C: over 250 bytes 20 times as fast as a loop over a table.
+    `binascii` implements two polynomials in C: for 250 bytes 20 times as fast as a loop over a table.
     """
     library = ("import binascii",)
     if (method.width, method.poly) == (16, 0x1021):
@@ -211,7 +214,7 @@ def _standard_crc(method: CheckMethod, data: str) -> tuple[CheckSource, int] | N
         constants = (("MIRROR", "make_mirror()"),)
         return CheckSource(call, ("crc_1021_reflected",), constants, ("make_mirror",)), method.xorout
     if (method.width, method.poly, method.refin, method.refout) == (32, 0x04C11DB7, True, True):
-        # the library's function inverts the register on its way in and out
+        # the library's function inverts the register before and after the computation
         start = support.reflect(method.initial, 32) ^ 0xFFFFFFFF
         call = f"binascii.crc32({data}, {start:#x})" if start else f"binascii.crc32({data})"
         return CheckSource(call, imports=library), method.xorout ^ 0xFFFFFFFF
@@ -241,18 +244,18 @@ def _table_crc(method: CheckMethod, data: str) -> CheckSource:
 
 
 def _ones(method: CheckMethod) -> int:
-    """The bits of a code."""
+    """Return the mask of the bits of a code."""
     width = min(method.width, 7) if method.kind in ("sum7", "xor7") else method.width
     return (1 << width) - 1
 
 
 def _plus(operator: str, value: int) -> str:
-    """What adds `value` to an expression; nothing for 0."""
+    """Return the source that applies `value` to an expression with an operator; empty for 0."""
     return f" {operator} {value:#x}" if value else ""
 
 
 def _finished(method: CheckMethod, source: CheckSource, fits: bool) -> CheckSource:
-    """The source with complement, width and mask put on."""
+    """Return the source with complement, width and mask applied."""
     ones = _ones(method)
     bits = ones if method.mask is None else ones & method.mask
     expression = source.expression

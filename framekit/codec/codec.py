@@ -1,7 +1,7 @@
-"""A protocol compiled once: its frames as functions, behind names, and their builders, made when they are asked for.
+"""Compile protocols: their frames as functions by name, and builders on demand.
 
-The source that `framekit.codec.python` writes is run in a module of its own. As many codecs are kept as loaded
-definitions. The compiler is imported when something is to be compiled: most commands find that in the cache.
+The source that `framekit.codec.python` generates runs in a module of its own. The number of cached codecs equals that
+of cached definitions. The compiler is imported only on a cache miss, as most commands find compiled code in the cache.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ __all__ = ["Codec", "Context", "Decode", "Encode", "Span", "code_of", "codec_fro
 
 
 class Codec(FrameFunctions):
-    """The functions of every frame of a protocol."""
+    """Hold the functions of every frame of a protocol."""
 
     def __init__(self, protocol: Protocol, module: ModuleType) -> None:
         super().__init__(module)
@@ -29,12 +29,11 @@ class Codec(FrameFunctions):
 
 
 _compiled: dict[int, Codec] = {}
-"""By the identity of the protocol, which a codec keeps alive; the one asked for last stands last."""
+"""Codecs by the identity of their protocol, which the codec keeps alive; the most recently used is last."""
 
 
 def compile_protocol(protocol: Protocol) -> Codec:
-    """The codec of a protocol; the same protocol is compiled once while it is among those in use. Raises
-    DefinitionError."""
+    """Return the codec of a protocol, compiled once while it is in use. Raises DefinitionError."""
     known = _compiled.get(id(protocol))
     if known is None:
         cache = current_cache()
@@ -45,13 +44,13 @@ def compile_protocol(protocol: Protocol) -> Codec:
 
 
 def code_of(protocol: Protocol) -> CodeType:
-    """The compiled module of a protocol's frames. Raises DefinitionError."""
+    """Return the code object of a protocol's frames. Raises DefinitionError."""
     from framekit.codec.python.generate import generate_source
 
     try:
         return compile(generate_source(protocol, standalone=False), f"<frames of {protocol.name}>", "exec")
     except SyntaxError as error:
-        if not error.msg.startswith("too many"):  # Python's own limits; 20 blocks inside each other is one of them
+        if not error.msg.startswith("too many"):  # limits of Python, for example 20 nested blocks
             raise
         at = next(iter(protocol.frames.values())).at
         what = f"parts of a frame stand too deeply inside each other ({error.msg})"
@@ -59,12 +58,12 @@ def code_of(protocol: Protocol) -> CodeType:
 
 
 def codec_from(protocol: Protocol, code: CodeType) -> Codec:
-    """The codec of a protocol whose module has been compiled before; `compile_protocol` gives the same from now on."""
+    """Return the codec of a protocol from compiled code; `compile_protocol` returns the same codec from now on."""
     return _keep(Codec(protocol, module_of(protocol.name, code)))
 
 
 def _keep(codec: Codec) -> Codec:
-    """Keeps as many codecs as definitions are kept; another one lives as long as it is in use."""
+    """Put a codec at the end of the cache and drop the oldest codecs beyond the limit."""
     _compiled.pop(id(codec.protocol), None)
     _compiled[id(codec.protocol)] = codec
     while len(_compiled) > MOST_KEPT:
@@ -78,7 +77,7 @@ Build = Callable[..., bytes]
 
 
 class Builders:
-    """The builders of one protocol, a keyword for every value, for frames that depend on nothing but one context."""
+    """Provide the builders of a protocol, with a keyword for every value, for one fixed context."""
 
     def __init__(self, codec: Codec, context: Context) -> None:
         from framekit.codec.python.generate import BuilderModules
@@ -89,15 +88,15 @@ class Builders:
         self._made: dict[tuple[str, ...], Build] = {}
 
     def inside(self, frame: str) -> tuple[str, ...]:
-        """The frames that may stand in a frame."""
+        """Return the names of the frames that a frame may contain."""
         from framekit.codec.python.flat import inner_frames
 
         return tuple(inner_frames(self._codec.protocol.frames[frame]))
 
     def builder(self, *frames: str) -> Build:
-        """The function that builds the first of the frames with each of the others inside the one before it.
+        """Return the function that builds the first frame, with each further frame inside the previous frame.
 
-        Raises KeyError where one cannot stand there.
+        Raises KeyError if a frame cannot be inside the previous frame.
         """
         if frames not in self._made:
             self._made[frames] = self._make(frames)

@@ -1,4 +1,4 @@
-"""What decoding many frames gives: columns of those that look alike, and single results of all others."""
+"""Hold the results of decoding many frames: columns for frames of the same structure, single results for all others."""
 
 from __future__ import annotations
 
@@ -11,21 +11,20 @@ from typing import Any
 from framekit.codec.errors import FrameError
 
 Path = tuple[str, ...]
+"""The path of a field: `pdu.read.count` is `("pdu", "read", "count")`."""
 
 
 @dataclass(frozen=True, slots=True)
 class BatchGroup:
-    """Good frames with the same fields at the same places.
-
-    `rows`: their numbers, ascending. `columns`: by the path of a field one array of numbers, or of bytes with a row of
-    them a frame; in the order of the frame. `pdu.read.count` has the path `("pdu", "read", "count")`.
-    """
+    """Valid frames with the same fields at the same offsets."""
 
     rows: Any
+    """The numbers of the frames, ascending."""
     columns: dict[Path, Any]
+    """An array for each field path, in frame order: one number per frame, or one row of bytes per frame."""
 
     def values(self, place: int) -> dict[str, Any]:
-        """The values of the frame `rows[place]`, as `decode` gives them."""
+        """Return the values of the frame `rows[place]`, equal to the result of `decode`."""
         found: dict[str, Any] = {}
         for path, column in self.columns.items():
             into = found
@@ -36,14 +35,16 @@ class BatchGroup:
 
 
 class Batch:
-    """The results of many frames by their numbers: `batch[n]` is what `decode` gives, or raises its FrameError.
+    """The results of many frames: `batch[n]` returns the values of frame n, or raises its FrameError.
 
-    `groups` hold most of them; `singles` those that had to be read one by one.
+    Raises IndexError for a number outside of the batch.
     """
 
     def __init__(self, size: int, groups: list[BatchGroup], singles: dict[int, dict[str, Any] | FrameError]) -> None:
         self.groups = groups
+        """The columns of most frames."""
         self.singles = singles
+        """The results of frames that were decoded individually, by number."""
         self._size = size
 
     def __len__(self) -> int:
@@ -65,11 +66,11 @@ class Batch:
 
     @property
     def faults(self) -> dict[int, FrameError]:
-        """The frames that are none, by their numbers."""
+        """Return the errors of the invalid frames, by number."""
         return {index: found for index, found in self.singles.items() if isinstance(found, FrameError)}
 
     def __iter__(self) -> Iterator[dict[str, Any] | FrameError]:
-        """All results in order; a FrameError stands for itself."""
+        """Yield all results in order; an invalid frame yields its FrameError."""
         for index in range(self._size):
             single = self.singles.get(index)
             yield self[index] if single is None else single
@@ -77,7 +78,7 @@ class Batch:
 
 @dataclass(frozen=True, slots=True)
 class Cut:
-    """Frame n is `data[starts[n] : starts[n] + lengths[n]]`."""
+    """Frames as parts of one buffer: frame n is `data[starts[n] : starts[n] + lengths[n]]`."""
 
     data: bytes
     starts: array[int]
@@ -85,7 +86,7 @@ class Cut:
 
     @classmethod
     def of(cls, frames: Sequence[bytes]) -> Cut:
-        """Frames that are bytes by themselves."""
+        """Join separate frames to one buffer."""
         lengths = array("q", map(len, frames))
         starts = array("q", [0, *accumulate(lengths)][: len(frames)])
         return cls(b"".join(frames), starts, lengths)

@@ -1,7 +1,7 @@
-"""Frames as objects of the construct library, for use inside constructs of one's own.
+"""Provide frames as objects of the construct library, for use inside other constructs.
 
-The object calls the compiled functions of the frame: `measure` says where the frame ends in a stream, `decode` and
-`encode` do the rest. So it finds the same frames, with the same faults, as everything else in framekit.
+The object calls the compiled functions of the frame: `measure` finds its end in a stream, `decode` and `encode` convert
+it. So it finds the same frames, with the same faults, as the rest of framekit.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from framekit.definition.model.frames import Frame, StaticSizes
 
 
 class FrameParseError(FrameError, construct.ConstructError):
-    """A FrameError that is a ConstructError too, as `construct.Select` and `construct.Optional` expect."""
+    """A FrameError that is also a ConstructError, as `construct.Select` and `construct.Optional` expect."""
 
     def __init__(self, error: FrameError, path: str) -> None:
         super().__init__(
@@ -28,7 +28,7 @@ class FrameParseError(FrameError, construct.ConstructError):
 
 
 class FrameBuildError(EncodeError, construct.ConstructError):
-    """An EncodeError that is a ConstructError too."""
+    """An EncodeError that is also a ConstructError."""
 
     def __init__(self, error: EncodeError, path: str) -> None:
         super().__init__(error.field, str(error), error.more)
@@ -38,13 +38,13 @@ class FrameBuildError(EncodeError, construct.ConstructError):
 class CompiledFrame(construct.Construct):
     """One frame of a protocol as a construct object.
 
-    Parses one frame from the place where the stream stands, and leaves the stream behind it: bare in `Struct`, `Array`
-    or `GreedyRange`, nested, or by itself. Only a frame that nothing but silence ends takes everything to the end of
-    the stream. The result is a `construct.Container` of the frame's values. Builds from a mapping; lengths, counts,
-    checks, constants and what has a default may be left out. `sizeof` gives the bytes of a frame that never varies.
+    Parses one frame at the current position of the stream and leaves the stream after it, on its own or inside
+    `Struct`, `Array` or `GreedyRange`. Only a frame that ends by silence takes all bytes to the end of the stream. The
+    result is a `construct.Container` of the frame's values. Builds from a mapping; lengths, counts, checks, constants
+    and values with a default may be omitted. `sizeof` returns the size in bytes of a frame of constant size.
 
     Parameters, and other names that the frame reads, are keywords of `parse` and `build`. Raises FrameParseError (a
-    FrameError), FrameBuildError (an EncodeError), construct.SizeofError.
+    FrameError), FrameBuildError (an EncodeError) and construct.SizeofError.
     """
 
     def __init__(
@@ -54,7 +54,10 @@ class CompiledFrame(construct.Construct):
         name: str,
         context: Callable[[Mapping[str, Any]], Context],
     ) -> None:
-        """`context`: the names that the frame reads, with those that one call gives."""
+        """Take the functions and the model of frame `name`.
+
+        `context` returns the complete context of the frame, given the keywords of one call.
+        """
         super().__init__()
         self.name = name
         self.docs = frames[name].doc
@@ -70,9 +73,9 @@ class CompiledFrame(construct.Construct):
             raise FrameParseError(error, path) from None
 
     def _cut(self, stream: BytesIO, names: Context, path: str) -> bytes:
-        """The bytes of the frame that begins here; all that were read where none does.
+        """Return the bytes of the frame that begins here, or all bytes read if no frame does.
 
-        More is read at least in proportion to what is there, so a long frame is not measured at every byte.
+        Each read is at least as long as the bytes at hand, so a long frame is not measured at every byte.
         """
         start = construct.stream_tell(stream, path)
         data, wanted = bytearray(), max(self._sizes.least, 1)
@@ -105,7 +108,7 @@ class CompiledFrame(construct.Construct):
 
 
 def _container(value: Any) -> Any:
-    """Dictionaries as construct's containers, lists as its lists."""
+    """Convert dictionaries to construct's containers and lists to its lists."""
     if isinstance(value, dict):
         return construct.Container({name: _container(item) for name, item in value.items()})
     return construct.ListContainer([_container(item) for item in value]) if isinstance(value, list) else value

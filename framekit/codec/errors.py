@@ -1,6 +1,6 @@
-"""What codecs raise: a frame that is not as it should be, and values that cannot be sent.
+"""Define the errors of codecs: a faulty frame, and values that cannot be sent.
 
-Generated modules that stand alone hold a copy of these classes, so nothing here may import anything of framekit.
+Standalone generated modules contain a copy of these classes, so this module imports no other module of framekit.
 """
 
 from __future__ import annotations

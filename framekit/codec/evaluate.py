@@ -1,7 +1,7 @@
-"""Expressions of a definition worked out where no code is generated: for samples, start values and engines.
+"""Evaluate expressions of a definition directly, without generated code: for samples, start values and engines.
 
-They are emitted as Python once and asked of `n`, a mapping or what looks names up as one does. What can go wrong with
-values is named by `EVALUATION_ERRORS`; a name that has no value may be a `MissingName`.
+Each expression is emitted as Python once and looks its names up in `n`, a mapping or a `Lookup`. The possible errors
+are `EVALUATION_ERRORS`; a name without a value may raise `MissingName`.
 """
 
 from __future__ import annotations
@@ -17,24 +17,26 @@ from framekit.definition.model import protocol as model
 from framekit.definition.model.sections import StateVariable
 
 EVALUATION_ERRORS = (KeyError, TypeError, IndexError, ValueError, ArithmeticError, AttributeError)
+"""The exceptions that an expression can raise for unsuitable values."""
 
 
 class Lookup(Protocol):
-    """Values by name."""
+    """Look up values by name."""
 
     def __getitem__(self, name: str, /) -> Any: ...
 
 
-class MissingName(Exception):  # noqa: N818 - says what is missing, and is turned into an error by who knows for what
-    """A name that is no field and that the context does not have; `name` is that name."""
+class MissingName(Exception):  # noqa: N818 - the caller turns it into an error for its purpose
+    """Report a name that is neither a field nor in the context."""
 
     def __init__(self, name: str) -> None:
         self.name = name
+        """The missing name."""
         super().__init__(f"the context has no '{name}'")
 
 
 class LookedUp:
-    """How names are written: everything is looked up in what `names` is the source of."""
+    """Emit every name as a look-up in the object whose source is `names`."""
 
     def __init__(self, names: str = "n") -> None:
         self.names = names
@@ -54,12 +56,12 @@ class LookedUp:
 
 
 def home_of(function: str) -> str:
-    """The name of the module that has a function, one of HOMES."""
+    """Return the key in HOMES of the module that defines a function."""
     return next(name for name, module in HOMES.items() if hasattr(module, function))
 
 
 HOMES = {"support": support, "ciphers": ciphers}
-"""Where the functions are that an expression calls outside of generated modules."""
+"""The modules of the functions that an expression calls outside of generated modules."""
 _BUILT_IN = {"len": len, "min": min, "max": max, "abs": abs, "sum": sum, "str": str}
 
 
@@ -72,15 +74,15 @@ def _compiled(source: str, attribute: Callable[[Any, str], Any]) -> Callable[[An
 
 @lru_cache(maxsize=8192)
 def compiled(node: Node, attribute: Callable[[Any, str], Any]) -> Callable[[Any], Any]:
-    """A function of what looks names up; `attribute` says what a dot means. It raises EVALUATION_ERRORS.
+    """Return an expression as a function of a `Lookup`; `attribute` implements the dot. It raises EVALUATION_ERRORS.
 
-    Kept for the many engines of one protocol, which all read the same expressions.
+    The functions are cached, because the engines of a protocol share their expressions.
     """
     return _compiled(emit(node, LookedUp()), attribute)
 
 
 def evaluate(node: Node, names: Lookup) -> Any:
-    """The value of `node`. Raises one of EVALUATION_ERRORS, and what `names` raises for a name without a value."""
+    """Return the value of `node`. Raises EVALUATION_ERRORS, and the exception of `names` for a name without a value."""
     return compiled(node, attribute)(names)
 
 
@@ -88,10 +90,10 @@ def evaluate(node: Node, names: Lookup) -> Any:
 
 
 def start_values(protocol: model.Protocol) -> dict[str, Any]:
-    """Tables, and the start values of parameters and state that are constant."""
+    """Return the tables of a protocol, and the start values of its parameters and state that are constant."""
     known: dict[str, Any] = {name: RangeTable(table.entries, table.ranges) for name, table in protocol.tables.items()}
     for parameter in protocol.params.values():
-        if parameter.secret and parameter.default is None:  # not known until it is given
+        if parameter.secret and parameter.default is None:  # unknown until the user sets it
             known[parameter.name] = None
         if parameter.is_ is None:
             known |= _constant(parameter.name, parameter.default)
@@ -108,7 +110,7 @@ def start_values(protocol: model.Protocol) -> dict[str, Any]:
 
 
 def _constant(name: str, expression: Expression | None) -> dict[str, Any]:
-    """`{name: value}` if the expression needs nothing but itself; flags are numbers."""
+    """Return `{name: value}` if the expression reads no names, else an empty mapping; flags are numbers."""
     try:
         value = None if expression is None else evaluate(expression.root, {})
     except EVALUATION_ERRORS:

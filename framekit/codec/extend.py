@@ -1,7 +1,7 @@
-"""What programs bring by themselves: types of fields and check methods. Kinds of segments: `codec.kinds.register`.
+"""Add field types and check methods of a program. Kinds of segments: `codec.kinds.register`.
 
-Functions given here stand in a module of the program. Generated code carries them with it as they stand there, with the
-functions and classes of the module that they use, and its imports; they use no constant of the module.
+The functions given here belong to a module of the program. Generated code contains a copy of them, of the functions and
+classes of their module that they use, and of its imports; they may use no constants of the module.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ def add_type(
     least: int = 0,
     most: int,
 ) -> None:
-    """A word that `type:` may have from now on: a whole number from `least` to `most`, of so many bytes.
+    """Register a field type: a whole number from `least` to `most` in `size` bytes.
 
-    `parse` makes the number of the bytes, `build` the bytes of a number and the size. Raises ValueError for a word that
-    another module has.
+    `parse` converts the bytes to the number; `build` converts the number and the size to the bytes. Raises ValueError
+    for a word that another module has registered.
     """
     modules = [module_of_function(one) for one in (parse, build)]
     bring_word("type", word, modules[0], word in TYPES or word in TYPE_KINDS)
@@ -45,10 +45,10 @@ def add_type(
 
 
 def add_check(word: str, function: Callable[[bytes], int], *, width: int = 8) -> None:
-    """A check method of that name, for `check:` and for `method:` of the section `checks`: a code of `width` bits.
+    """Register a check method for `check:` and for `method:` in the section `checks`: a code of `width` bits.
 
-    `function` makes the code of the bytes; complement and mask are put on what it gives. Raises ValueError for a word
-    that another module has, and for a width that is not possible.
+    `function` computes the code of the bytes; complement and mask are applied to its result. Raises ValueError for a
+    word that another module has registered, and for an invalid width.
     """
     module = module_of_function(function)
     add_method(CheckMethod(name=word, kind=word, width=width), module)

@@ -1,7 +1,7 @@
-"""The functions of a generated module, behind the names of its frames.
+"""Call the functions of a generated module by the names of its frames.
 
-Imported by commands that have to be quick: it stands on nothing but the errors. Where the module comes from, and which
-protocol it belongs to, is not known here.
+Commands with short start-up time import this module: it depends on the errors only, and neither on the source of the
+generated module nor on its protocol.
 """
 
 from __future__ import annotations
@@ -20,21 +20,25 @@ if TYPE_CHECKING:
 
 
 Context = Mapping[str, Any]
+"""Values of the names that frames read from outside, by name."""
 Encode = Callable[..., bytes]
+"""Build a frame: `(fields, context) -> bytes`."""
 Decode = Callable[..., dict[str, Any]]
+"""Read a frame: `(data, context) -> fields`."""
 Span = tuple[str, int, int, Any]
+"""Path of a value, offset of its first byte, offset after its last byte, and the value."""
 
 _NAMED = allocate_lock()
-"""Held while a module has its name."""
+"""Held while a module is registered in `sys.modules`."""
 
 
 def module_of(protocol: str, code: CodeType) -> ModuleType:
-    """The module that the code of a protocol's frames makes."""
+    """Return the module that results from running the code of a protocol's frames."""
     return run_in(ModuleType(f"framekit_generated_{protocol}"), code)
 
 
 def run_in(module: ModuleType, code: CodeType) -> ModuleType:
-    """Runs code as that of a module, which meanwhile is found by its name: decorators of classes look there."""
+    """Run code in a module, which is in `sys.modules` during the run because decorators of classes look there."""
     with _NAMED:
         sys.modules[module.__name__] = module
         try:
@@ -45,11 +49,8 @@ def run_in(module: ModuleType, code: CodeType) -> ModuleType:
 
 
 class FrameFunctions:
-    """The functions of every frame by its name; `encoders`, `decoders`, `measurers` are for callers in a loop.
+    """The functions of every frame by its name; `encoders`, `decoders` and `measurers` are for callers in a loop.
 
-    `kept`: what users of these functions have made of them, by its class, for as long as they are used.
-    `fused`: of frames that are read together with the one inside, the place of the byte that tells which, and by its
-    value what reads the two; it raises whatever comes up if they do not fit.
     Contexts are mappings name → value; None means the start values of the definition (`defaults`).
     """
 
@@ -57,9 +58,15 @@ class FrameFunctions:
         names: dict[str, Any] = vars(module)
         self.module = module
         self.kept: dict[Any, Any] = {}
+        """Objects that users derive from these functions, by their class, kept as long as the functions."""
         self.frames: Mapping[str, Any] = names["FRAMES"]
         self.layouts: Mapping[str, tuple[Encode, Decode]] = names["LAYOUTS"]
         self.fused: Mapping[str, tuple[int, Sequence[Decode | None]]] = names["FUSED"]
+        """Readers of a frame together with its inner frame: the offset of the deciding byte, and the readers by its
+        value.
+
+        A reader may raise any exception if the bytes do not fit.
+        """
         self.defaults: Mapping[str, Any] = names["DEFAULTS"]
         self.QUIET: int = names["QUIET"]
         self.LOST: int = names["LOST"]
@@ -68,11 +75,13 @@ class FrameFunctions:
         self.measurers: dict[str, Callable[..., int]] = {name: frame.measure for name, frame in self.frames.items()}
 
     def encode(self, frame: str, fields: Mapping[str, Any], ctx: Context | None = None) -> bytes:
-        """The bytes of a frame. Raises EncodeError for values it cannot carry, KeyError for an unknown frame."""
+        """Return the bytes of a frame. Raises EncodeError for values that do not fit, KeyError for an unknown frame."""
         return self.encoders[frame](fields, self.defaults if ctx is None else ctx)
 
     def decode(self, frame: str, data: bytes, ctx: Context | None = None) -> dict[str, Any]:
-        """The values of exactly one frame. Raises FrameError."""
+        """Return the values of exactly one frame. Raises FrameError if the bytes do not fit, KeyError for an unknown
+        frame.
+        """
         return self.decoders[frame](data, self.defaults if ctx is None else ctx)
 
     def measure(
@@ -84,9 +93,11 @@ class FrameFunctions:
         ctx: Context | None = None,
         seen: int = 0,
     ) -> int:
-        """How long the frame at data[start] is; nothing from `end` on is looked at.
+        """Return the length in bytes of the frame at `data[start]`, looking at no byte from `end` on.
 
-        Its length; 0 when it does not begin there; -n when it wants n bytes more at least; QUIET or LOST.
+        Returns 0 if the frame does not begin there, -n if at least n more bytes are needed, QUIET if only silence ends
+        the frame, LOST if it cannot become valid. `seen`: the number of bytes at hand in the previous call for this
+        frame.
         """
         end = len(data) if end is None else end
         return self.measurers[frame](data, start, end, self.defaults if ctx is None else ctx, seen)
@@ -94,19 +105,19 @@ class FrameFunctions:
     def trace(
         self, frame: str, data: bytes, ctx: Context | None = None
     ) -> tuple[dict[str, Any], list[Span], FrameError | None]:
-        """A frame as far as it can be read: values, (path, first byte, byte behind the last, value), the fault."""
+        """Read a frame as far as possible: its values, their spans, and the fault or None."""
         found = self.frames[frame].diagnose(data, self.defaults if ctx is None else ctx)
         return found.fields, found.spans, None if found.fault is None else found.error(frame)
 
     def check_warnings(self, frame: str, data: bytes, ctx: Context | None = None) -> list[str]:
-        """Return the wrong check codes that only warn, and why bytes inside are none of the frames of their place."""
+        """Return the wrong check codes that only warn, and the reasons why inner bytes fit none of their frames."""
         notes = self.frames[frame].diagnose(data, self.defaults if ctx is None else ctx).notes
         unknown = (f"{path} is none of its frames; nearest: {fault}" for path, fault in notes.unknown)
         return [*notes.warnings, *unknown]
 
 
 class FrameFacts(typing.Protocol):
-    """What has to be known of a frame."""
+    """The properties of a frame that the search for fitting frames needs."""
 
     @property
     def name(self) -> str: ...
@@ -119,11 +130,11 @@ class FrameFacts(typing.Protocol):
 
 
 Catalogue = Mapping[str, FrameFacts]
-"""The frames of a protocol by their names."""
+"""The frames of a protocol by name."""
 
 
 class Fit(NamedTuple):
-    """A frame that the bytes are; `refusal` is the code a server would refuse it with."""
+    """A frame that the bytes fit; `refusal` is the code with which a server would refuse it."""
 
     frame: str
     fields: dict[str, Any]
@@ -131,17 +142,17 @@ class Fit(NamedTuple):
 
 
 def candidates(protocol: Protocol, frame: str | None = None, side: str | None = None) -> list[str]:
-    """The frames to try: one or those of a group, or all that stand on the line and may come from that side.
+    """Return the frames to try: the named frame, the frames of a group, or all frames on the line from that side.
 
-    Raises KeyError for a frame or group there is not.
+    Raises KeyError for an unknown frame or group.
     """
     return list(protocol.frames_of(frame)) if frame is not None else of_side(protocol.frames, side)
 
 
 def of_side(frames: Catalogue, side: str | None = None) -> list[str]:
-    """The frames that stand on the line and come from that side (None: from either); those that are refused last.
+    """Return the frames on the line that a side sends (None: any side); refused frames come last.
 
-    A frame that no side sends (`from: none`) is only for procedures: as an answer it would hide what is wrong.
+    A frame that no side sends (`from: none`) is for procedures only: as an answer it would hide the real fault.
     """
     sides = (side, "both") if side is not None else ("client", "server", "both")
     found = [one for one in frames.values() if not one.inner and one.side in sides]
@@ -151,7 +162,10 @@ def of_side(frames: Catalogue, side: str | None = None) -> list[str]:
 def fitting(
     codec: FrameFunctions, frames: Catalogue, data: bytes, names: list[str], context: Context | None = None
 ) -> tuple[list[Fit], list[tuple[str, FrameError]]]:
-    """The frames that the bytes are, and why they are not the others. Frames to be refused count only alone."""
+    """Return the frames that the bytes fit, and the faults of the other frames.
+
+    A frame with `refuse` counts only if no other frame fits.
+    """
     fits: list[Fit] = []
     faults: list[tuple[str, FrameError]] = []
     for name in names:
@@ -170,7 +184,10 @@ def fitting(
 
 
 def nearest(faults: list[tuple[str, FrameError]]) -> tuple[str, FrameError] | None:
-    """The frame that fits best, and its fault: all but its check code is right, or else the most of it."""
+    """Return the closest frame with its fault, or None for no faults.
+
+    A frame with only its check code wrong is closest, then the frame with the largest offset of its fault.
+    """
 
     def fitness(fault: tuple[str, FrameError]) -> tuple[bool, int]:
         error = fault[1]
@@ -181,7 +198,7 @@ def nearest(faults: list[tuple[str, FrameError]]) -> tuple[str, FrameError] | No
 
 
 def reason(faults: list[tuple[str, FrameError]], data: bytes) -> str:
-    """Why the bytes are no frame: what the frame that fits best has to say."""
+    """Return why the bytes are no frame: the fault of the closest frame."""
     if not data:
         return "there are no bytes to decode"
     best = nearest(faults)
@@ -192,5 +209,5 @@ def reason(faults: list[tuple[str, FrameError]], data: bytes) -> str:
 
 
 def _holds_unknown(fields: Mapping[str, Any]) -> bool:
-    """Whether a frame inside is none that the protocol knows."""
+    """Return whether an inner frame at any depth is unknown to the protocol."""
     return any(isinstance(value, dict) and ("unknown" in value or _holds_unknown(value)) for value in fields.values())

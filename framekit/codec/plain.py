@@ -1,6 +1,6 @@
-"""Values as people and JSON write them, and back: bytes as hex pairs, times with their unit, numbers also in hex.
+"""Convert values between codec form and plain (JSON) form: bytes as hex pairs, times with a unit, numbers also in hex.
 
-It goes by the model of the frame, so that `10` means a number, a text or bytes as the field wants it.
+The conversion follows the model of the frame: `10` becomes a number, a text or bytes, depending on the field.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from framekit.definition.times import format_time, parse_time
 
 
 class PlainValues:
-    """Conversion of the values of a protocol's frames between codec form and plain (JSON) form."""
+    """Convert the values of a protocol's frames between codec form and plain (JSON) form."""
 
     def __init__(self, protocol: Protocol) -> None:
         self.protocol = protocol
@@ -40,14 +40,16 @@ class PlainValues:
         self._names: dict[str, dict[str, dict[int, str]]] = {}
 
     def from_plain(self, frame: str, fields: Mapping[str, Any]) -> dict[str, Any]:
-        """Codec values. Unknown names are left for the encoder to refuse. Raises EncodeError."""
+        """Return the codec values of plain values; unknown names are kept, for the encoder to refuse. Raises
+        EncodeError.
+        """
         known = self._known.get(frame)
         if known is None:
             known = self._known[frame] = _by_name(self.protocol.frames[frame].segments)
         return self._read(known, fields)
 
     def to_plain(self, frame: str, fields: Mapping[str, Any]) -> dict[str, Any]:
-        """JSON-ready values: bytes as upper-case hex pairs, times as text."""
+        """Return JSON-ready values: bytes as upper-case hex pairs, times as text."""
         special = self._special.get(frame)
         if special is None:
             if frame not in self.protocol.frames:
@@ -56,7 +58,7 @@ class PlainValues:
         return self._written(special, fields)
 
     def named(self, frame: str, path: str, value: Any) -> Any:
-        """A number of a frame with the name that it has there, `2 (fast)`; any other value as it is."""
+        """Return a number together with its name in the frame, `2 (fast)`; any other value unchanged."""
         names = self._names.get(frame)
         if names is None:
             names = self._names[frame] = names_of(self.protocol, frame)
@@ -76,7 +78,9 @@ class PlainValues:
         return result
 
     def _of_one(self, name: str, segments: Sequence[Segment], value: Any) -> Any:
-        """The value of a name; several cases may have segments of that name, and one that it fits is meant."""
+        """Return the value of a name, read by the first of its segments that accepts it; several cases may share a
+        name.
+        """
         wrong: ValueError | TypeError | None = None
         for segment in sorted(segments, key=lambda one: not _has_fields(one, value)):
             names = dict(segment.numbers_with_names()).get(name)
@@ -144,7 +148,7 @@ class PlainValues:
 
 
 def _by_name(segments: tuple[Segment, ...]) -> dict[str, list[Segment]]:
-    """All segments that have a value of a name, the last one first: several cases may each have one."""
+    """Return all segments by the names of their values, last segment first; several cases may share a name."""
     found: dict[str, list[Segment]] = {}
     for segment in flat(segments):
         for name in segment.value_names:
@@ -153,7 +157,7 @@ def _by_name(segments: tuple[Segment, ...]) -> dict[str, list[Segment]]:
 
 
 def _has_fields(segment: Segment, value: Any) -> bool:
-    """Whether a record, or a list of them, has the fields that a value gives; every other segment may hold it."""
+    """Return whether a record, or a list of records, has all given fields; True for every other segment."""
     if segment.inner_record is None:
         return True
     items = [one for one in (value if isinstance(value, list) else [value]) if isinstance(one, Mapping)]
@@ -161,7 +165,7 @@ def _has_fields(segment: Segment, value: Any) -> bool:
 
 
 def _special(segments: tuple[Segment, ...]) -> dict[str, Segment]:
-    """Those whose values are not shown as any value of their type is: times, and what holds other values."""
+    """Return the segments whose plain form depends on the model: times, and segments that hold other values."""
     return {
         name: segment
         for name, segment in by_value_name(segments).items()
@@ -172,7 +176,10 @@ def _special(segments: tuple[Segment, ...]) -> dict[str, Segment]:
 
 
 def names_of(protocol: Protocol, frame: str) -> dict[str, dict[int, str]]:
-    """The names of numbers by field, of a frame and those inside it; fields whose names differ have none."""
+    """Return the names of numbers by field, of a frame and its inner frames.
+
+    Fields with the same name but different names of numbers are omitted.
+    """
     found = _names_of(protocol, frame, {}) if frame in protocol.frames else {}
     return {field: dict(names) for field, names in found.items() if names}
 
@@ -200,7 +207,7 @@ def _typed(type_: FieldType, value: Any) -> Any:
 
 
 def _decimal(value: Any) -> Any:
-    """A number with a fraction, which text says exactly; no text is nothing."""
+    """Return an exact decimal from text, or None from empty text. Raises ValueError for any other text."""
     if not isinstance(value, str):
         return value
     try:
@@ -238,19 +245,21 @@ def _mapping(value: Any) -> Mapping[str, Any]:
 # ---- hints where values are refused --------------------------------------------------------------------------
 
 MOST = 8
-"""Numbers of a field that are listed."""
+"""Limit of the listed numbers of a field."""
 
 MOST_NAMES = 16
-"""Names of fields that are listed."""
+"""Limit of the listed field names."""
 
 Level = tuple[Mapping[str, Segment], Mapping[str, Any]]
-"""The values that a frame or record can have, and those that were given."""
+"""The values that a frame or record can have, and the given values."""
 
 
 def with_hint(
     error: EncodeError, protocol: Protocol, frame: str, given: Mapping[str, Any], more: Iterable[str] = ()
 ) -> str:
-    """The error in words, with what to do about it where that is known; `more` are names that fit elsewhere."""
+    """Return the message of an error, with a hint for its cause if there is a hint; `more` are names that fit
+    elsewhere.
+    """
     names = [path.rpartition(".")[2] for path in (error.field, *error.more)]
     levels = list(_levels(protocol, protocol.frames[frame].segments, given))
     found = {name: hint for name in names if (hint := _hint(name, levels, more))}
@@ -274,14 +283,14 @@ def _hint(name: str, levels: Iterable[Level], more: Iterable[str]) -> str:
 
 
 def _known(name: str, known: list[str], more: Iterable[str]) -> str:
-    """The name that was meant, where one is near, and all there are."""
+    """Return the closest known name, if any is close, and the list of fields."""
     near = did_you_mean(name, [*known, *more])
     names = ", ".join(known[:MOST_NAMES]) + (", …" if len(known) > MOST_NAMES else "")
     return f"{near} The fields are {names}" if near.startswith("did you mean") else f"the fields are {names}"
 
 
 def numbers_of(values: Mapping[int, str]) -> str:
-    """`give 1 (on), 2 (off) or 3 (both)`."""
+    """Return a hint that lists the numbers of a field: `give 1 (on), 2 (off) or 3 (both)`."""
     shown = [f"{number} ({text})" for number, text in list(values.items())[:MOST]]
     if len(values) > MOST:
         return f"give one of {', '.join(shown)}, …"
@@ -289,7 +298,7 @@ def numbers_of(values: Mapping[int, str]) -> str:
 
 
 def _levels(protocol: Protocol, segments: tuple[Segment, ...], given: Any) -> Iterator[Level]:
-    """The frame itself, then the records, items and inner frames that were given in it."""
+    """Yield the frame itself, then the given records, items and inner frames at every depth."""
     if not isinstance(given, Mapping):
         return
     known = by_value_name(segments)

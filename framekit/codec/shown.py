@@ -1,4 +1,4 @@
-"""Values of frames as people and JSON write them, where nothing is known of their fields."""
+"""Format values of frames for people and JSON without the model of their fields."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from opcode import opmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:  # what has been kept is decoded without the model
+if TYPE_CHECKING:  # kept values are decoded without the model
     from framekit.definition.model.protocol import Protocol
 
 
 def shown(value: Any) -> Any:
-    """JSON-ready values: bytes as upper-case hex pairs; exact decimals as numbers, or as text if these say not all."""
+    """Return a JSON-ready value: bytes as upper-case hex pairs; exact decimals as numbers, or as text if a float rounds
+    them.
+    """
     if isinstance(value, (bytes, bytearray)):
         return value.hex(" ").upper()
     if isinstance(value, dict):
@@ -23,13 +25,13 @@ def shown(value: Any) -> Any:
 
 
 def with_name(names: Mapping[str, Mapping[int, str]], path: str, value: Any) -> Any:
-    """A number of a frame with the name that its field has for it, `2 (fast)`; any other value as it is."""
+    """Return a number together with its name in its field, `2 (fast)`; any other value unchanged."""
     name = names.get(path.rpartition(".")[2], {}).get(value) if type(value) is int else None
     return value if name is None else f"{value} ({name})"
 
 
 def _decimal(value: Any) -> Any:
-    """A number of JSON; text where that would say another number."""
+    """Return a decimal as a JSON number, or as text if the float is not exactly equal."""
     number = float(value)
     return number if type(value)(repr(number)) == value else str(value)
 
@@ -47,7 +49,7 @@ _WORDS: dict[type[Exception], str] = {
 
 
 def explain(error: Exception) -> str:
-    """What went wrong, in framekit's words: what the interpreter says by itself is not shown."""
+    """Return the cause of an error in framekit's words; messages of the interpreter are replaced."""
     if isinstance(error, KeyError):
         name = error.args[0] if error.args else ""
         return name if isinstance(name, str) and " " in name else f"there is no '{name}'"
@@ -58,7 +60,7 @@ def explain(error: Exception) -> str:
 
 
 def _is_worded(error: Exception) -> bool:
-    """Whether a statement of framekit, or of a module made by it, has raised the error, and so worded it."""
+    """Return whether framekit or a generated module raised the error, so that its message is framekit's."""
     if type(error).__module__.startswith("framekit"):
         return True
     place = error.__traceback__
@@ -72,14 +74,14 @@ def _is_worded(error: Exception) -> bool:
 
 
 def code_text(code: int, digits: int = 4) -> str:
-    """`0x0002`, `0xF007`: as a word, which is what they are in status words; larger ones have more digits."""
+    """Return a code in hexadecimal with at least `digits` digits: `0x0002`, `0xF007`; a negative code in decimal."""
     return f"0x{code:0{digits}X}" if code >= 0 else str(code)
 
 
 def refusal_text(protocol: Protocol, code: int) -> str:
-    """A refusal with its code in the protocol's way and what that means, where the protocol says it."""
+    """Return the text of a refusal: its code, and the meaning of the code if the protocol has a table of its errors."""
     names = () if protocol.errors is None else protocol.errors.names
-    ordered = sorted(names, key=lambda item: item.when is not None)  # which side it was does not show here
+    ordered = sorted(names, key=lambda item: item.when is not None)  # the side of the error is unknown here
     tables = (protocol.tables[item.table].entries for item in ordered if item.table in protocol.tables)
     meaning = next((str(table[code]) for table in tables if code in table), "")
     return f"refused {code_text(code)}" + (f" {meaning}" if meaning else "")

@@ -1,4 +1,7 @@
-"""The kinds of segments, one module each. A new kind is a module, and one name in this list."""
+"""Import every segment kind and register it.
+
+To add a kind, write a module in this package and add its class to the list below.
+"""
 
 from __future__ import annotations
 

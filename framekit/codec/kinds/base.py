@@ -1,4 +1,7 @@
-"""What a kind of segment is for the compiler: everything about it in one class, found by its class in the model."""
+"""Define `SegmentKind`, the base class of everything the compiler knows about a kind of segment.
+
+`register` files an instance of each kind under its model class (`python.registry.KINDS`).
+"""
 
 from __future__ import annotations
 
@@ -26,106 +29,115 @@ S = TypeVar("S", bound=Segment)
 
 
 class SegmentKind(Generic[S]):
-    """One kind. The writers of generated functions ask it for what they write of such a segment."""
+    """Describe one kind of segment to the compiler. The writers of generated functions call its methods."""
 
     model: type[S]
+    """The model class of the segments that this kind handles."""
     may_be_absent = False
-    """Whether a builder of several frames puts its bytes together at once even if it stands under a condition."""
+    """Whether a builder of nested frames can pack the segment directly although it has a condition."""
 
     def is_plain(self, segment: S) -> bool:
-        """Whether one function can read or build it with the frame around its own: it holds no frame and no list of
-        records.
+        """Return whether a fused function (a frame together with its outer frame) can read or build the segment.
+
+        False for a segment that holds a frame or a list of records.
         """
         return self.may_be_absent
 
     def describe(self, segment: S) -> str:
-        """A segment in words, for docstrings; empty if there is nothing to say."""
+        """Return a short description of the segment for docstrings; empty if it needs none."""
         return ""
 
     def struct_order(self, segment: S) -> str | None:
-        """The byte order it needs in a struct ('' for any), which takes a fixed size; None if it stands in none."""
+        """Return the byte order of the segment in a struct ('' if any order is right), or None if no struct can hold
+        it.
+        """
         return None
 
     # ---- decoding -----------------------------------------------------------------------------------------
 
     def slot(self, r: BufferReader, item: Item, segment: S, size: int) -> Slot:
-        """What a segment of fixed size takes of the struct that unpacks a run of them; padding if not overridden."""
+        """Return the slot of a fixed-size segment in the struct that unpacks a run; padding unless overridden."""
         return Slot(item, size, "x", "", None)
 
     def unpacked(self, r: BufferReader, slot: Slot, segment: S, source: str, converted: bool) -> None:
-        """From what the struct gave (the text `source`) to the value, and what must hold for it.
+        """Write the conversion of the unpacked number or bytes (`source`) to the value, and the checks of the value.
 
-        `r.place` is where the segment begins. `converted`: the source is the number already.
+        `r.place` is the offset of the segment. `converted`: `source` is the final number and needs no conversion.
         """
 
     def read(self, r: BufferReader, item: Item, segment: S, after: tuple[Item, ...]) -> None:
-        """Reads a segment that is there and stands in no run. `after`: what follows it in the buffer."""
+        """Write the reading of a present segment that is not part of a run; `after` lists the items that follow it."""
         raise TypeError(f"no segment to read: {segment!r}")
 
     # ---- encoding -----------------------------------------------------------------------------------------
 
     def tasks(self, w: EncodeWriter, segment: S, scope: Scope, given: Given) -> list[Task]:
-        """What brings its values into locals, each with what it waits for."""
+        """Return the tasks that put the values of the segment into locals, each with its prerequisites."""
         return []
 
     def cases(self, w: EncodeWriter, segment: S, scope: Scope, given: Given) -> Cases:
-        """The headers and segments of lists of which one is there; None: a case that must not be."""
+        """Return the alternative segment lists with the header line of each; a list of None marks a forbidden case."""
         raise TypeError(f"no cases: {segment!r}")
 
     def argument(self, w: EncodeWriter, segment: S, scope: Scope, size: int) -> PackArgument:
-        """What a segment of fixed size gives to the struct that packs a run of them."""
+        """Return the argument of a fixed-size segment for the struct that packs a run."""
         raise TypeError(f"no segment of a run: {segment!r}")
 
     def bytes_text(self, w: EncodeWriter, segment: S, scope: Scope) -> str:
-        """Text of the bytes of a segment that is there and stands in no run."""
+        """Return the source of the bytes of a present segment that is not part of a run."""
         raise TypeError(f"no segment to build: {segment!r}")
 
     def room(self, w: EncodeWriter, segment: S, scope: Scope, plain: bool) -> str | None:
-        """Text of the bytes it takes where that varies; `plain`: before conversion. None where it is not asked for."""
+        """Return the source of the number of bytes that a segment of variable size takes; None if a length never needs
+        it.
+
+        `plain`: the number of bytes before conversion.
+        """
         return None
 
     def room_waits(self, w: EncodeWriter, segment: S) -> set[str]:
-        """What has to be there before `room` can be told."""
+        """Return the tokens that must be available before `room` can be computed."""
         return {f"bytes of {segment.path}"}
 
     def rules(self, w: RuleWriter, segment: S, always: bool, lengths: Lengths) -> Rules:
-        """The rules that values of these names obey, as text, by name.
+        """Yield each value name with the source of the `Rule` that its value obeys.
 
-        `always`: it is there in every frame. `lengths`: how long values may be by the length that counts them.
+        `always`: the segment is present in every frame. `lengths`: limits of the size of values, from their length
+        fields.
         """
         return ()
 
     # ---- samples ------------------------------------------------------------------------------------------
 
     def sample(self, random: Random, segment: S) -> Mapping[str, Any]:
-        """Values that such a segment may have, for samples of frames; nothing where they follow from others."""
+        """Return random values for sample frames; empty if the values follow from other segments."""
         return {}
 
     # ---- diagnosis ----------------------------------------------------------------------------------------
 
     def declare(self, d: DiagnosisWriter, segment: S, scope: Scope) -> None:
-        """Puts the names that expressions may read into a scope, as careful functions know them."""
+        """Add the names that expressions may read to `scope`, in the form that careful functions use."""
         for name in segment.value_names:
             scope.entries[name] = NameEntry(f"n[{quoted(name)}]")
 
     def diagnose(self, d: DiagnosisWriter, segment: S, scope: Scope, behind: Behind) -> None:
-        """Writes the calls that read a segment that is there carefully. `behind`: what follows it in its buffer."""
+        """Write the calls that read a present segment carefully, given the later segments of its buffer."""
         raise NotImplementedError
 
     # ---- measuring ----------------------------------------------------------------------------------------
 
     def measure(self, m: MeasureWriter, segment: S, scope: Scope, after: Pairs) -> None:
-        """Writes how a measuring function passes a segment that is there. `after`: what follows it in the frame.
+        """Write how a measuring function passes a present segment; `after` lists the later segments of the frame.
 
-        Raises Finished when nothing that follows matters any more.
+        Raises Finished if no later segment can change the result.
         """
         m.skip(str(m.static.present(segment).fixed or 0))
 
 
 def register(*kinds: type[SegmentKind[Any]]) -> None:
-    """Kinds that definitions may use from now on: those of framekit, and those that a program brings by itself.
+    """Register kinds of segments, of framekit or of a program, for use in definitions.
 
-    Raises ValueError for a word or a model that another module has, and for keys whose schema is wrong.
+    Raises ValueError for a key word or a model that another module has registered, and for keys with an invalid schema.
     """
     for kind in kinds:
         model, key, there = kind.model, kind.model.KEY, KINDS.get(kind.model)
@@ -145,7 +157,7 @@ T = TypeVar("T", Field, Length, Count, Bits)
 
 
 class TypedKind(SegmentKind[T]):
-    """How the value is written and measured; a kind overrides what is different with it."""
+    """Write and measure a segment that has a type; a kind overrides the differences."""
 
     def struct_order(self, segment: T) -> str | None:
         code = forms.struct_code(segment.type)
@@ -173,10 +185,10 @@ V = TypeVar("V", Field, Length, Count)
 
 
 class TypedValueKind(TypedKind[V]):
-    """One value of a type; a kind says what must hold for it."""
+    """Read one value of a type; each kind adds its own checks of the value."""
 
     def must_hold(self, r: BufferReader, item: Item, segment: V, local: str) -> None:
-        """Writes what must hold for the value, which is in `local`."""
+        """Write the checks of the value in `local`."""
         raise NotImplementedError
 
     def slot(self, r: BufferReader, item: Item, segment: V, size: int) -> Slot:
@@ -194,11 +206,11 @@ class TypedValueKind(TypedKind[V]):
 
 
 def careful_entry(segment: Segment, kind: Kind = "value", *, sized: bool) -> NameEntry:
-    """Return what the name of a segment stands for in the careful reading."""
+    """Return the scope entry of a segment's name for the careful functions."""
     room = f"n.room({quoted(segment.path)})"
     return NameEntry(f"n[{quoted(segment.name or '')}]", kind, sized=sized, wire=room, path=segment.path)
 
 
 def has_length(type_: FieldType) -> bool:
-    """Whether values of a type have a length of their own."""
+    """Return whether values of this type have a length (text and bytes)."""
     return type_.kind in ("ascii", "bytes")

@@ -1,4 +1,4 @@
-"""`bits`: a number cut into named bits."""
+"""Implement `bits`: a number that is cut into named bits."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class BitsKind(TypedKind[Bits]):
 
     def declare(self, d: DiagnosisWriter, segment: Bits, scope: Scope) -> None:
         super().declare(d, segment, scope)
-        if segment.name:  # a value of another case may have the same name
+        if segment.name:  # another case may have a value of the same name
             entry = replace(careful_entry(segment, sized=False), text="0")
             scope.entries.setdefault(segment.name, entry)
 
@@ -122,8 +122,8 @@ def _put_part(
 
 
 def _cut(r: BufferReader, item: Item, bits: Bits, whole: str) -> None:
-    """Cuts a number into its named bits."""
-    fixed = bits.type.fixed_size  # one of computed size may have more bits than any name takes
+    """Write the assignments that cut the number `whole` into its named bits."""
+    fixed = bits.type.fixed_size  # a number of computed size may have more bits than the names cover
     width = ANY_WIDTH if fixed is None else 8 * fixed // (2 if bits.type.kind == "digits" else 1)
     for part in bits.parts:
         local = r.function.local(part.name, item.scope)
@@ -136,6 +136,6 @@ def _cut(r: BufferReader, item: Item, bits: Bits, whole: str) -> None:
 
 
 def bits_text(part: BitsPart, whole: str, width: int) -> str:
-    """Text of some bits of the number `whole`, which has `width` bits."""
+    """Return the source of some bits of the number `whole`, which has `width` bits."""
     text = f"{whole} >> {part.low}" if part.low else whole
     return text if part.high >= width - 1 else f"{text} & {(1 << part.high - part.low + 1) - 1:#x}"

@@ -1,4 +1,4 @@
-"""`check`: a check code."""
+"""Implement `check`: a check code."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class CheckKind(SegmentKind[Check]):
 
 
 def _covered(d: DiagnosisWriter, check: Check, scope: Scope) -> str:
-    """Text of the bytes that a check covers, in a function of the diagnosis."""
+    """Return the source of the bytes that a check covers, for a careful function."""
     if check.covers is None:
         return "n.data[: n.at]"
     parts = covered_parts(check, d.segments)
@@ -83,7 +83,7 @@ def _covered(d: DiagnosisWriter, check: Check, scope: Scope) -> str:
 
 
 def _measured(m: MeasureWriter, check: Check, scope: Scope) -> str:
-    """Text of the bytes that a check covers, where a frame is measured."""
+    """Return the source of the bytes that a check covers, for a measuring function."""
     if check.covers is None:
         return between("data", Offset("start", 0), m.place)
     texts: list[str] = []
@@ -96,7 +96,7 @@ def _measured(m: MeasureWriter, check: Check, scope: Scope) -> str:
 
 
 def in_one_buffer(check: Check, segments: Segments) -> bool:
-    """Whether all that a check covers stands as it is in the buffer of the check."""
+    """Return whether all covered bytes are part of the buffer that holds the check."""
     first, *others = covered_paths(check, segments)
     for buffer in _buffers(segments):
         outside = {one.path for one in on_the_wire(buffer)}
@@ -106,7 +106,7 @@ def in_one_buffer(check: Check, segments: Segments) -> bool:
 
 
 def _in_plain_wraps(buffer: Segments) -> Iterator[str]:
-    """Yield the paths of what stands in wraps that only say a size."""
+    """Yield the paths of the segments in wraps that only set a size and convert no bytes."""
     for one in on_the_wire(buffer):
         if isinstance(one, Wrap) and isinstance(one.coding, Plain) and one.escape is None:
             yield from (inside.path for inside in on_the_wire(one.of))

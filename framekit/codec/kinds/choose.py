@@ -1,4 +1,4 @@
-"""`choose`, `optional`: one of several lists of segments, and one that is there when its values are given."""
+"""Implement `choose` (one of several segment lists) and `optional` (a list that is present if its values are given)."""
 
 from __future__ import annotations
 
@@ -86,7 +86,10 @@ class ChooseKind(SegmentKind[Choose]):
 
 
 def _headers(writer: FunctionWriter, choose: Choose, on: str) -> Iterator[tuple[str, Segments]]:
-    """The lines that begin the cases, by the text `on` of what they go by; names of values are their numbers."""
+    """Yield the header line and the segments of each case; `on` is the source of the tested value.
+
+    Names of numbers in case keys are replaced by their numbers.
+    """
     field = writer.by_path.get(nearest_path(str(choose.on).strip(), choose, writer.by_path))
     names = field.values if isinstance(field, Field) and field.values is not None else {}
     numbers: dict[object, object] = {name: number for number, name in names.items()}
@@ -99,7 +102,7 @@ def _headers(writer: FunctionWriter, choose: Choose, on: str) -> Iterator[tuple[
 def _diagnose_case(d: DiagnosisWriter, segment: Choose, case: Segments, scope: Scope, behind: Behind) -> None:
     if absent := d.without((segment,), case):
         d.out.add(absent)
-    d.declare(case, scope)  # a record or list of another case may have the same name
+    d.declare(case, scope)  # another case may have a record or list of the same name
     d.list(case, scope, behind, all_is_read=False)
 
 

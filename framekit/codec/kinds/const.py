@@ -1,4 +1,4 @@
-"""`const` and `text`: bytes that are always there; `skip`: bytes without meaning; what fills a frame up to its size."""
+"""Implement `const` and `text` (constant bytes), `skip` (ignored bytes) and the fill bytes of a fixed-size frame."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`length` and `count`: numbers that say how large something else is."""
+"""Implement `length` and `count`: numbers that state the size of other segments."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ C = TypeVar("C", Length, Count)
 
 
 class CountedKind(TypedValueKind[C]):
-    """A number that must agree with what it counts: a kind says what that is."""
+    """Read a number that must agree with the counted segments; each kind defines which quantity it counts."""
 
     def compare(self, r: BufferReader, item: Item, segment: C) -> None:
-        """Notes what has to be compared when everything is read."""
+        """Defer the comparison of the number with the counted segments until these are read."""
         raise NotImplementedError
 
     def wanted(self, d: DiagnosisWriter, segment: C) -> str | None:
-        """Text of the number that must come out; None where nothing can disagree."""
+        """Return the source of the expected number, or None if no disagreement is possible."""
         raise NotImplementedError
 
     def must_hold(self, r: BufferReader, item: Item, segment: C, local: str) -> None:
@@ -36,7 +36,7 @@ class CountedKind(TypedValueKind[C]):
         self.compare(r, item, segment)
 
     def read(self, r: BufferReader, item: Item, segment: C, after: tuple[Item, ...]) -> None:
-        """A number whose size is an expression."""
+        """Write the reading of a number whose size is an expression."""
         local = r.function.local(segment.name, item.scope)
         r.function.add(f"{local} = {forms.value_of(segment, r.sized_number(item, segment))}")
         r.declare(item, segment.name, local, sized=False, wire=r.function.wire_size(segment.path))
@@ -54,7 +54,7 @@ class LengthKind(CountedKind[Length]):
     may_be_absent = True
 
     def compare(self, r: BufferReader, item: Item, segment: Length) -> None:
-        """A length whose segments are not sized by it is compared with the room they take."""
+        """Defer the comparison of a length with the bytes it counts, unless their size follows from the length."""
         function = r.function
         if is_followed(segment, function.segments):
             return
@@ -96,8 +96,10 @@ def _put_length(w: EncodeWriter, length: Length, scope: Scope, given: Given) -> 
 
 
 def counted_room(d: DiagnosisWriter, length: Length) -> tuple[list[str], dict[str, str]] | None:
-    """What a length counts: the paths of what takes bytes, and the names of what is counted before conversion, with
-    the text behind those that may be absent; None where nothing can disagree.
+    """Return the segments that a length counts, or None if no disagreement is possible.
+
+    The result is the paths of segments that take bytes, and the names of values that are counted before conversion,
+    each with the source to append if the value may be absent.
     """
     if is_followed(length, d.segments):
         return None
@@ -112,7 +114,7 @@ def counted_room(d: DiagnosisWriter, length: Length) -> tuple[list[str], dict[st
 
 
 def _room_of(d: DiagnosisWriter, length: Length) -> str | None:
-    """Text of the length that must come out; None where nothing can disagree."""
+    """Return the source of the expected length, or None if no disagreement is possible."""
     found = counted_room(d, length)
     if found is None:
         return None
@@ -131,7 +133,7 @@ class CountKind(CountedKind[Count]):
     may_be_absent = True
 
     def compare(self, r: BufferReader, item: Item, segment: Count) -> None:
-        """A count that does not say itself how often something is repeated is compared with the list."""
+        """Defer the comparison of a count with its list, unless the number of items follows from the count."""
         absent = absent_behind(segment, r.function)
         if absent is None:
             return
@@ -157,7 +159,7 @@ class CountKind(CountedKind[Count]):
 
 
 def _put_count(w: EncodeWriter, count: Count, scope: Scope, given: Given) -> None:
-    items = scope.find(count.of)  # None: they stand in a case or an `optional`
+    items = scope.find(count.of)  # None: the list is part of a case or an `optional`
     text = f"{given.text}.get({quoted(count.of)})" if items is None else items.text
     _put_number(w, count, w.count_of(text if text.isidentifier() else f"{text} or ()"), scope, given)
 
@@ -182,7 +184,10 @@ def _put_number(w: EncodeWriter, number: Length | Count, text: str, scope: Scope
 
 
 def absent_behind(count: Count, writer: FunctionWriter) -> str | None:
-    """Text behind a list that is counted, where it may be absent; None where nothing can disagree."""
+    """Return the source to append to a counted list that may be absent ('' if always present).
+
+    None if no disagreement is possible.
+    """
     repeat = writer.by_path.get(count.counted)
     there = comes_with(count.counted, count, writer.segments)
     followed = isinstance(repeat, Repeat) and count.plus == 0 and is_plain_name(repeat.times, count.name)

@@ -1,4 +1,4 @@
-"""`data`: bytes."""
+"""Implement `data`: a sequence of bytes."""
 
 from __future__ import annotations
 
@@ -150,7 +150,7 @@ def _put(w: EncodeWriter, data: Data, scope: Scope, given: Given) -> None:
 
 
 def _fill_up(w: EncodeWriter, data: Data, local: str, scope: Scope) -> None:
-    """Data that are too short get as long as they must be, before their length is asked for."""
+    """Write the padding of short data to their full size, before their length is used."""
     assert data.pad is not None and isinstance(data.size, (int, Expression))
     if isinstance(data.size, Expression):
         size, conditions = w.bounded(data.size, scope), w.is_known(data.when, data.size, scope)

@@ -1,4 +1,4 @@
-"""`field`: one value."""
+"""Implement `field`: one value of a type."""
 
 from __future__ import annotations
 
@@ -182,7 +182,7 @@ def _value(w: EncodeWriter, item: Field, scope: Scope, given: Given, needed: boo
 
 
 def _given(w: EncodeWriter, item: Field, scope: Scope, given: Given, needed: bool, missing: set[str]) -> str:
-    """Text of a value that is given, or built, or has a default."""
+    """Return the source of a value that the caller gives, that is built, or that has a default."""
     if needed:
         if item.when is None:
             given.needed += 1
@@ -203,7 +203,7 @@ def _given(w: EncodeWriter, item: Field, scope: Scope, given: Given, needed: boo
 
 
 def _validate(w: EncodeWriter, item: Field, scope: Scope, local: str) -> None:
-    """What must hold for a value that was given or built."""
+    """Write the checks of a value that was given or built."""
     if item.values is not None and item.only and item.constants is None:
         w.refuse(item, scope, f"{local} not in {w.module.value_names(item.values, item.name)}")
     if item.constants is not None:
@@ -242,7 +242,7 @@ def _long_bytes(w: EncodeWriter, field: Field, long: Long, scope: Scope) -> str:
 
 
 def _mark(w: EncodeWriter, type_: FieldType, mark: int) -> str:
-    """The bytes that say that the long form follows."""
+    """Return the source of the bytes that announce the long form."""
     size = type_.fixed_size or 1
     if type_.kind == "int":
         return bytes_literal(build_int(mark, size, type_.order, type_.signed))
@@ -250,7 +250,7 @@ def _mark(w: EncodeWriter, type_: FieldType, mark: int) -> str:
 
 
 def _read_sized(r: BufferReader, item: Item, segment: Field, after: tuple[Item, ...]) -> None:
-    """A field whose size is an expression, whose end is marked, or that takes the rest."""
+    """Write the reading of a field with computed size, with an end mark, or that takes all remaining bytes."""
     type_, local = segment.type, r.function.local(segment.name, item.scope)
     if isinstance(type_.size, Expression):
         first, last = r.take(item, r.size_text(type_.size, item.scope))
@@ -278,7 +278,7 @@ def _until_end(r: BufferReader, item: Item, field: Field) -> tuple[Offset, Offse
 
 
 def _read_long(r: BufferReader, item: Item, field: Field, long: Long) -> None:
-    """A number whose values from the mark on follow as a longer number."""
+    """Write the reading of a number that continues in a longer number if its short form equals the mark."""
     local = r.function.local(field.name, item.scope)
     short, longer = field.type.fixed_size or 1, long.type.fixed_size or 0
     first = r.keep(r.place) if field.path in r.function.tracked else r.place
@@ -300,7 +300,7 @@ def _read_long(r: BufferReader, item: Item, field: Field, long: Long) -> None:
 
 
 def _rules(field: Field) -> str:
-    """What must hold for the value, as options of the call."""
+    """Return the checks of the value as keyword arguments of the diagnosing call."""
     rules = ""
     if field.constants is not None:
         rules = f', among={literal(field.constants)}, cause="where"'

@@ -1,4 +1,4 @@
-"""`inner`: a frame inside a frame; and a layout that stands in itself."""
+"""Implement `inner` (a frame inside a frame) and nested layouts (a layout inside itself)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ F = TypeVar("F", Inner, Nested)
 
 
 class FrameInside(SegmentKind[F]):
-    """What both kinds of frames inside have in common: the value is a mapping that must be given."""
+    """Implement the common part of both kinds of inner frames: the value is a mapping that must be given."""
 
     def declare(self, d: DiagnosisWriter, segment: F, scope: Scope) -> None:
         scope.entries[segment.name] = careful_entry(segment, "inner", sized=False)
@@ -138,7 +138,7 @@ class InnerKind(FrameInside[Inner]):
         if most is not None and not m.anew:
             offset = f"({place} - start) - {most}" if m.place.base == "at" else str(m.place.offset + most)
             seen = f", max(seen - {offset}, 0)" if offset != "0" else ", seen"
-        several = behind if len(segment.frames) > 1 else 0  # one behind the frame that wants more may be shorter
+        several = behind if len(segment.frames) > 1 else 0  # a shorter frame may follow the frame that wants more bytes
         more = f", behind={several}" if several else ""
         m.inner_size(size, choice, m.module.function("measure_first"), f"data, {place}, end, ctx", seen, more)
         with m.out.block(f"if {size} <= 0:"):
@@ -155,13 +155,13 @@ class InnerKind(FrameInside[Inner]):
 
 
 def _has_size(m: MeasureWriter, segment: Inner | Nested, scope: Scope, size: str) -> None:
-    """While frames are measured nothing is known of one inside but its bytes."""
+    """Declare the name of an inner frame of which only the size is known while measuring."""
     if segment.name in only_measured(m.segments):
         scope.entries[segment.name] = NameEntry("None", "inner", sized=False, wire=size)
 
 
 def _compare_size(w: EncodeWriter, inner: Inner, scope: Scope) -> None:
-    """A frame inside must take as many bytes as other values say."""
+    """Write the comparison of the size of an inner frame with the size that other values state."""
     if isinstance(inner.size, Expression):
         size, conditions = w.text(inner.size, scope), w.is_known(inner.when, inner.size, scope)
     else:
@@ -170,7 +170,7 @@ def _compare_size(w: EncodeWriter, inner: Inner, scope: Scope) -> None:
 
 
 def _may_come_last(function: Function, inner: Inner) -> bool:
-    """Whether nothing else needs its value, so that it is read when all around it fits."""
+    """Return whether no other segment needs the value, so that it can be read after all checks of the outer frame."""
     if not function.tells_wrong or function.in_branch or inner.name in function.read_names:
         return False
     every = tuple(everything(function.segments))
@@ -178,7 +178,10 @@ def _may_come_last(function: Function, inner: Inner) -> bool:
 
 
 def _first_that_fits(r: BufferReader, inner: Inner, local: str, choice: str, raw: str) -> None:
-    """The value of a frame inside: at once where a byte leaves few, which spares a call and a loop."""
+    """Write the reading of an inner frame into `local`.
+
+    The deciding byte selects the decoder directly if only one frame is likely; otherwise `decode_first` tries them all.
+    """
     function, decode = r.function, r.module.function("decode_first")
     if not raw.isidentifier():
         region = function.names.fresh(f"{inner.name}_bytes")
@@ -254,5 +257,5 @@ class NestedKind(FrameInside[Nested]):
 
 
 def _level(module: Module, segment: Nested, hint: str) -> str:
-    """Text of the frame that is one level deeper: its functions."""
+    """Return the source of the frame object of the next nesting level."""
     return f"{module.choice((segment.frame,), hint, segment.name)}.everything[0]"

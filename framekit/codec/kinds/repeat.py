@@ -1,6 +1,6 @@
-"""`repeat`: a list, of records or of plain values; and the end of an item, where it is told whether it is the last.
+"""Implement `repeat` (a list of records or of plain values), the end of an item, and `record`.
 
-A layout included `as` a name is a record by itself: its fields make one value.
+`as` at an included layout makes a record: its fields form one value.
 """
 
 from __future__ import annotations
@@ -174,20 +174,20 @@ class ItemEndKind(SegmentKind[ItemEnd]):
 
 
 def item_words(repeat: Repeat) -> list[str]:
-    """The words of items that expressions in this list's items read; `last` where an item itself tells it."""
+    """Return the item words (`item.index`, `item.last`, `item.previous`) that a list needs, `last` also for `until`."""
     read = names_read_in(repeat.members)
     return [word for word in (INDEX, LAST, PREVIOUS) if word in read or (word == LAST and repeat.until is not None)]
 
 
 def _word_entry(word: str, text: str, repeat: Repeat) -> NameEntry:
-    """What a word of items stands for, by the text of its value."""
+    """Return the scope entry of an item word; `text` is the source of its value."""
     if word == PREVIOUS:
         return NameEntry(text, "record", _names_of_record(repeat.members), may_be_absent=True)
     return NameEntry(text)
 
 
 def _names_of_record(segments: Segments) -> Scope:
-    """The names in a record that is one value."""
+    """Return a scope with the names of a record that is held as one value."""
     found = Scope()
     for one in flat(segments):
         inside = _names_of_record(one.members) if one.inner_record is not None else None
@@ -232,19 +232,19 @@ def _put(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) -> None:
 
 
 def _is_asked_often(w: EncodeWriter, repeat: Repeat) -> bool:
-    """Whether the number of a list's values is asked for before they are packed."""
+    """Return whether the number of values of a list is needed before they are packed."""
     counts = (one for one in w.by_path.values() if isinstance(one, Count))
     return repeat.path in w.asked_for or any(one.counted == repeat.path for one in counts)
 
 
 def _is_told(w: EncodeWriter, repeat: Repeat) -> bool:
-    """Whether a count or a length follows the list by itself."""
+    """Return whether a count or length is built from the list, so that their comparison is unnecessary."""
     here = [target.only for target in w.targets.values()]
     return any(isinstance(one, (Count, Length)) and _is_told_by(repeat, one) for one in here)
 
 
 def _is_told_by(repeat: Repeat, number: Count | Length) -> bool:
-    """Whether the number of items is nothing but this count, or this length of the list divided by an item's size."""
+    """Return whether the number of items equals this count, or this length of the list divided by the item size."""
     if number.plus or number.when is not None:
         return False
     if isinstance(number, Count):
@@ -262,18 +262,19 @@ def _is_told_by(repeat: Repeat, number: Count | Length) -> bool:
 
 
 def _compare_times(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) -> None:
-    """A list must have as many items as other values say."""
+    """Write the comparison of the number of items with the number that other values state."""
     assert isinstance(repeat.times, Expression)
     found = w.count_of(scope.entries[repeat.name].text)
     conditions = w.is_known(repeat.when, repeat.times, scope)
-    conditions.append(f"{found} != {w.text(repeat.times, scope, BIT_OR)}")  # sooner than the call
+    conditions.append(f"{found} != {w.text(repeat.times, scope, BIT_OR)}")  # before the function call, which is slower
     w.compare_size((*given.path, repeat.name), found, w.text(repeat.times, scope), conditions)
 
 
 def _item_scope(scope: Scope, name: str, items: str, of: Segments = ()) -> Scope:
-    """Return the scope of an item. The list is around it, so that a list of the same name in the item is another one.
+    """Return the scope of an item, inside a scope that holds the list.
 
-    `items`: the local with the items before this one, if expressions may read them.
+    So a list of the same name in the item is a separate entry. `items`: the local with the previous items, if
+    expressions may read them.
     """
     around = Scope(scope)
     inside = Scope(around, of)
@@ -283,7 +284,7 @@ def _item_scope(scope: Scope, name: str, items: str, of: Segments = ()) -> Scope
 
 
 def _put_records(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) -> None:
-    """A list of records: each item's values and bytes."""
+    """Write the loop that validates and packs the records of a list."""
     assert isinstance(repeat.of, tuple)
     items = scope.entries[repeat.name].text
     there = items if items.isidentifier() else f"{items} or ()"
@@ -338,7 +339,7 @@ def _put_records(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) ->
 
 
 def _values_text(segments: Segments, scope: Scope) -> str:
-    """Source of the values of a record, also of those in it, which may be computed."""
+    """Return the source of a mapping with the values of a record and of its inner records, computed values too."""
     texts: dict[str, str] = {}
     for one in flat(segments):
         for name in one.value_names:
@@ -351,7 +352,7 @@ def _values_text(segments: Segments, scope: Scope) -> str:
 
 
 def _is_read_inside(w: EncodeWriter, repeat: Repeat) -> bool:
-    """Whether an expression reads fields of the items, which may be computed."""
+    """Return whether an expression reads fields of the items, which may be computed."""
     assert isinstance(repeat.of, tuple)
     return repeat.name in names_read(repeat.of) or any(
         f"items of {repeat.name}" in w.waits(*expressions_of(segment))
@@ -371,7 +372,7 @@ def _list_bytes(w: EncodeWriter, of: FieldType, local: str) -> str:
 
 
 def _read_values(r: BufferReader, item: Item, repeat: Repeat, of: FieldType, after: tuple[Item, ...]) -> None:
-    """A list of plain values."""
+    """Write the reading of a list of plain values."""
     size = of.fixed_size
     if size is None:
         raise without_end(repeat)
@@ -387,7 +388,7 @@ def _read_values(r: BufferReader, item: Item, repeat: Repeat, of: FieldType, aft
     else:
         count = _count(r, item, repeat.times)
         first, last = r.take(item, count if size == 1 else f"{size} * {count}")
-        if forms.is_slice(of):  # a struct compares the size itself, before it makes anything
+        if forms.is_slice(of):  # a struct checks the size itself before it creates values
             r.function.mismatch_if(f"{last.text(r.buffer)} > len({r.buffer})")
             r.function.flush()
     r.function.add(f"{local} = {_list_text(r, of, size, first, last, count)}")
@@ -419,7 +420,7 @@ def _list_text(r: BufferReader, of: FieldType, size: int, first: Offset, last: O
 
 
 def _count(r: BufferReader, item: Item, times: Size | None) -> str:
-    """Text of how often something is repeated; a name or a number."""
+    """Return the number of repetitions as a number or a local."""
     if isinstance(times, int):
         return str(times)
     assert isinstance(times, Expression)
@@ -432,7 +433,7 @@ def _count(r: BufferReader, item: Item, times: Size | None) -> str:
 
 
 def _read_records(r: BufferReader, item: Item, repeat: Repeat, of: Segments, after: tuple[Item, ...]) -> None:
-    """A list of records."""
+    """Write the loop that reads a list of records."""
     function = r.function
     fields = Fields(function.names.fresh("item"))
     found = function.local(repeat.name, item.scope)
@@ -477,7 +478,7 @@ def _read_records(r: BufferReader, item: Item, repeat: Repeat, of: Segments, aft
             function.add(f"{begin} = {r.at}")
         _words_of_item(r, repeat, words, found, count, inside)
         outside = r.deferred, r.in_item, r.list_end
-        filled = repeat.align - 1 if fill and not repeat.between else 0  # behind the last item at most
+        filled = repeat.align - 1 if fill and not repeat.between else 0  # the last item may lack its fill bytes
         r.deferred, r.in_item, r.list_end = [], True, f"{end} - {filled}" if filled else end or ""
         r.read(of, inside, fields)
         r.deferred, r.in_item, r.list_end = outside
@@ -504,7 +505,7 @@ def _read_records(r: BufferReader, item: Item, repeat: Repeat, of: Segments, aft
 def _words_of_item(
     r: BufferReader, repeat: Repeat, words: list[str], found: str, count: str | None, inside: Scope
 ) -> None:
-    """Locals with what an item knows of itself, before it is read."""
+    """Write the locals of the item words that are known before the item is read."""
     for word in words:
         if word == LAST and count is None:
             inside.entries[LAST] = NameEntry("", is_read=False)
@@ -518,7 +519,7 @@ def _words_of_item(
 
 
 def _region_limit(r: BufferReader, after: tuple[Item, ...]) -> str:
-    """A local with the offset where what follows begins."""
+    """Return a local that holds the offset of the next segment."""
     end = r.region_end(after)
     if end.base != "end":
         return end.base
@@ -528,7 +529,10 @@ def _region_limit(r: BufferReader, after: tuple[Item, ...]) -> str:
 
 
 def _measure_records(m: MeasureWriter, repeat: Repeat, of: Segments, scope: Scope, times: str, after: Pairs) -> None:
-    """Items of different size are walked through; what the others take at least is wanted at once."""
+    """Write the loop that measures items of variable size.
+
+    At each item the minimum size of all remaining items is requested at once.
+    """
     empty, behind, words = may_be_empty(m.static, repeat), m.least(after), item_words(repeat)
     least = 1 if empty else m.static.all(of).least
     if repeat.until is None and not times.isdigit():
@@ -597,26 +601,29 @@ def _measure_records(m: MeasureWriter, repeat: Repeat, of: Segments, scope: Scop
 
 
 def _fill_text(repeat: Repeat, place: str, first: str) -> str:
-    """The line that passes over what fills an item up; `first` is where the list begins."""
+    """Return the line that skips the fill bytes of an item; `first` is the offset of the list."""
     return f"{place} += -({place} - {first}) % {repeat.align}"
 
 
 def _want_item(m: MeasureWriter, least: int, behind: int) -> None:
-    """Goes on if the next item of a list can be there: nothing tells how many come, so only that one is wanted."""
+    """Write a return unless the next item can be complete. Only that item is requested, as their number is unknown."""
     with m.out.block(f"if end < at + {least}:"):
         total = least + behind
         m.add(f"return end - at - {total} if at - start + {total} <= {m.most} else LOST")
 
 
 def _can_be_resumed(m: MeasureWriter, repeat: Repeat) -> bool:
-    """Whether an item that did not end the list in an earlier call does not end it now, wherever it stands."""
+    """Return whether items that an earlier call has passed need no second look.
+
+    This requires items of fixed size and a condition that reads only their own values.
+    """
     own = {name for one in repeat.members for name in one.value_names}
     asked = names_read_in(repeat.members)
     return m.static.all(repeat.members).fixed is not None and asked <= own and repeat.align == 1
 
 
 def _resume(m: MeasureWriter, repeat: Repeat, after: Pairs) -> None:
-    """Passes over items of fixed size that an earlier call has looked at, but for the last of them."""
+    """Write the skip over fixed-size items that an earlier call has passed, except the last of them."""
     size, resume = m.static.all(repeat.members).fixed, m.resume(after)
     if size and resume is not None:
         passed = f"{resume} - at - {size}" if size > 1 else f"{resume} - at - 1"
@@ -624,7 +631,7 @@ def _resume(m: MeasureWriter, repeat: Repeat, after: Pairs) -> None:
 
 
 def _names_in_items(segments: Segments) -> set[str]:
-    """The names of values in an item, also of those in records."""
+    """Return the names of the values in an item, including those in records."""
     found = set[str]()
     for one in flat(segments):
         found.update(one.value_names)
@@ -634,7 +641,7 @@ def _names_in_items(segments: Segments) -> set[str]:
 
 
 def _item_text(scope: Scope, found: str = "") -> str:
-    """Source of an item, or of a record in it, without the list `found` itself."""
+    """Return the source of a mapping with the values of an item or record, without the list `found` itself."""
     texts = {
         name: _item_text(entry.inside) if entry.direct and entry.inside is not None else entry.text
         for name, entry in scope.entries.items()
@@ -695,7 +702,7 @@ def _put_record(w: EncodeWriter, record: Record, scope: Scope, given: Given) -> 
 
 
 def _put_conditional(w: EncodeWriter, record: Record, scope: Scope, given: Given) -> None:
-    """A record that may be absent."""
+    """Write the validation and packing of a record that may be absent."""
     assert record.when is not None
     wire, local = w.names.fresh(f"{record.name}_bytes"), w.names.fresh(record.name)
     w.flush()
@@ -719,7 +726,7 @@ def _put_conditional(w: EncodeWriter, record: Record, scope: Scope, given: Given
 
 
 def _nothing_if_absent(w: EncodeWriter, inside: Scope, record: str, before: int) -> None:
-    """What a record gives is nothing where the record is absent: written at the line `before`."""
+    """Write None into the readable names of an absent record, at line number `before`."""
     lines = Source(w.out.depth)
     for name, entry in _direct_entries(inside):
         if name in w.fields_read and entry.text.isidentifier():
@@ -730,7 +737,7 @@ def _nothing_if_absent(w: EncodeWriter, inside: Scope, record: str, before: int)
 
 
 def _direct_entries(scope: Scope) -> Iterator[tuple[str, NameEntry]]:
-    """The names of a record and of the records in it, as far as others may read them."""
+    """Yield the names of a record and of its inner records that other segments may read."""
     for name, entry in scope.entries.items():
         if entry.direct and entry.inside is not None:
             yield from _direct_entries(entry.inside)

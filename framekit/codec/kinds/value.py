@@ -1,4 +1,4 @@
-"""`value`, `require`: a value that takes no bytes, and a condition that must hold."""
+"""Implement `value` (a computed value without bytes) and `require` (a condition)."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def _put(w: EncodeWriter, value: Value, scope: Scope, given: Given, missing: set
 
 
 def _agree(w: EncodeWriter, value: Value, scope: Scope, given: Given) -> None:
-    """A value that was given or built must be what a reader will see."""
+    """Write the check that a value that was given or built equals the value that a reader computes."""
     local = scope.entries[value.name].text
     if given.computed.get(value.name) == local:
         return

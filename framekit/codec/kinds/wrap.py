@@ -1,4 +1,4 @@
-"""`wrap`: a region that is converted as a whole."""
+"""Implement `wrap`: a region that is converted as a whole."""
 
 from __future__ import annotations
 
@@ -138,7 +138,8 @@ class WrapKind(SegmentKind[Wrap]):
         m.add(f"at = {find}(data, at, end, {escape}, {0 if resume is None else resume}{more})")
         with m.out.block("if at < 0:"):
             m.not_found(max(behind - 1, 1))
-        if follows := symbol_behind(segment, (one for one, _ in after)):  # what is not doubled has to be the end
+        # an escape byte that is not doubled must be the end
+        if follows := symbol_behind(segment, (one for one, _ in after)):
             with m.out.block(f"if data[at + 1] != {follows[1]:#04x}:"):
                 m.add("return LOST")
         _measure_content(m, segment, scope, after, 2)
@@ -148,14 +149,14 @@ class WrapKind(SegmentKind[Wrap]):
 
 
 def _size_on_wire(wrap: Wrap, fixed: int | None) -> int | Expression | None:
-    """The bytes that a region takes which does not end itself; None for what reaches as far as what follows it."""
+    """Return the encoded size of a region without an end of its own; None if it extends to the next segment."""
     if wrap.size is not None or fixed is None:
         return wrap.size
     return wrap.coding.sizes(exactly(fixed)).fixed
 
 
 def _compare_size(w: EncodeWriter, wrap: Wrap, scope: Scope, given: Given) -> None:
-    """The content must take as many bytes on the wire as other values say."""
+    """Write the comparison of the encoded size with the size that other values state."""
     size, conditions = str(wrap.size), []
     if isinstance(wrap.size, Expression):
         size, conditions = w.text(wrap.size, scope), w.is_known(None, wrap.size, scope)
@@ -174,7 +175,7 @@ def _limit(w: EncodeWriter, wrap: Wrap, scope: Scope, buffer: str) -> None:
 
 
 def _unstuff(r: BufferReader, item: Item, wrap: Wrap, fixed: int | None, after: tuple[Item, ...], plain: str) -> None:
-    """Puts the content of a region with doubled escape bytes into the local `plain`."""
+    """Write the removal of doubled escape bytes; the content goes into the local `plain`."""
     name, escape = r.module.function, f"{wrap.escape or 0:#04x}"
     embedded_texts = [bytes_literal(data) for data in r.module.embedded_frames(wrap)]
     embedded = r.module.embedded(wrap)
@@ -207,9 +208,10 @@ def _unstuff(r: BufferReader, item: Item, wrap: Wrap, fixed: int | None, after: 
 def _measure_content(
     m: MeasureWriter, wrap: Wrap, scope: Scope, after: Pairs, further: int = 0, is_there: bool = True
 ) -> None:
-    """Values of a wrap that sizes behind it depend on; the careful function reads them, now that they are there.
+    """Write the reading of values in a wrap that the sizes of later segments depend on.
 
-    It gets `further` bytes behind the wrap too, by which it finds the end; `is_there`: these have come.
+    The careful function reads them. It gets `further` bytes after the wrap too, which hold its end mark; `is_there`:
+    these bytes have arrived.
     """
     needed = m.needed & needed_names(tuple(segment for segment, _ in after), m.segments)
     names = {name: one for one in flat(wrap.of) for name in one.value_names if name in needed}
@@ -257,7 +259,7 @@ def _measure_by_size_or_end(m: MeasureWriter, wrap: Wrap, scope: Scope, fixed: i
         m.rest(wrap, after)
     if isinstance(first, Const):
         m.rest(wrap, after)
-    front = Skip(at=wrap.at, size=1)  # so that content of no bytes differs from no content
+    front = Skip(at=wrap.at, size=1)  # so that empty content differs from missing content
     inside = type(m)(m.module, f"{m.identifier}_content", (front, *wrap.of), m.most)
     inside.maybe_absent, inside.in_digits = m.maybe_absent, True
     given: dict[str, str] = {}
@@ -275,7 +277,10 @@ def _measure_by_size_or_end(m: MeasureWriter, wrap: Wrap, scope: Scope, fixed: i
 
 
 def _handed(names: Iterable[str], scope: Scope, path: str, given: dict[str, str]) -> Scope:
-    """What the content of a wrap reads of the values around it, which it finds in the context it is given."""
+    """Return a scope in which the content of a wrap finds the outer values in its context.
+
+    Fills `given` with the source of each value by its name in the context.
+    """
     found = Scope()
     for name in sorted(names):
         entry = scope.find(name)

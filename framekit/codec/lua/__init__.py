@@ -1,1 +1,4 @@
-"""Lua from a definition: a dissector for Wireshark. `generate` puts it together, `reader.lua` reads frames in it."""
+"""Generate Lua from a definition: a dissector for Wireshark.
+
+`generate` assembles the file; `reader.lua` reads frames in it.
+"""

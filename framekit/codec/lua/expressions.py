@@ -1,7 +1,6 @@
-"""Expressions of a definition as Lua: each operator and function is a call of one in `values.lua`.
+"""Translate expressions of a definition to Lua: each operator and function is a call of a function in `values.lua`.
 
-What cannot be said becomes a call that says so when it is reached, so that a frame in which it is not reached is read
-all the same.
+An expression without a Lua form becomes a call that fails when it is reached; a frame that does not reach it is read.
 """
 
 from __future__ import annotations
@@ -52,20 +51,26 @@ _FUNCTIONS = frozenset(
 
 
 class LuaExpressions:
-    """Writes expressions of one protocol. `problems`: what could not be said; `asked`: names that no field has."""
+    """Write the expressions of a protocol."""
 
     def __init__(self, protocol: Protocol) -> None:
         self.protocol = protocol
         self.problems: list[Problem] = []
+        """The expressions without a Lua form."""
         self.asked: set[str] = set()
+        """The names that expressions read and no field has: parameters and state."""
         self.tables: set[str] = set()
+        """The names of the tables that expressions read."""
 
     def function(self, expression: Expression, scope: Scope) -> str:
-        """A function of the reading."""
+        """Return a Lua function that evaluates the expression while a frame is read."""
         return f"function(n) return {self.text(expression.root, scope)} end"
 
     def text(self, node: Node, scope: Scope, own: Collection[str] = ()) -> str:
-        """An expression; `own` are names of Lua that it may read. What cannot be said says so when it is reached."""
+        """Return an expression in Lua; `own` are Lua names that it may read.
+
+        An expression without a Lua form becomes a call that fails when it is reached.
+        """
         try:
             return self._node(node, scope, own)
         except CannotSayError as error:
@@ -150,7 +155,7 @@ class LuaExpressions:
 
 
 def constant(value: Any, at: Any) -> str:
-    """A value of a table, a parameter or a constant. Raises CannotSayError."""
+    """Return the Lua source of a value of a table, a parameter or a constant. Raises CannotSayError."""
     if value is None:
         return "X.nothing"
     if isinstance(value, int):

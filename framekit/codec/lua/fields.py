@@ -1,6 +1,6 @@
-"""The fields that Wireshark filters by: one for each name of a protocol, if all its frames have the same type for it.
+"""Define Wireshark's filter fields: one for each name of a protocol if all its frames give it the same type.
 
-Where they have not, the name of the frame stands before that of the field.
+If the types differ, the name of the frame precedes that of the field.
 """
 
 from __future__ import annotations
@@ -16,16 +16,18 @@ from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import Bits, BitsPart, Count, Field, FieldType, Length, Segment
 
 OWN = frozenset({"frame", "request_in", "response_in", "time", "expert"})
-"""Names that the dissector itself uses; a value of such a name gets a _ behind."""
+"""Names that the dissector itself uses; a value with the same name gets a trailing underscore."""
 Bounds = tuple[int, int] | None
 
 
 @dataclass(frozen=True, slots=True)
 class FieldUse:
-    """How a value is shown: the kind of Wireshark's field, and the names of its numbers."""
+    """The display of a value."""
 
     kind: str
+    """The type of Wireshark's field."""
     values: tuple[tuple[int, str], ...] = ()
+    """The names of numbers, sorted by number."""
 
     @classmethod
     def of_field(cls, field: Field) -> FieldUse:
@@ -47,7 +49,7 @@ class FieldUse:
 
     @classmethod
     def of_expression(cls, node: Node, fields: Mapping[str, Segment]) -> FieldUse:
-        """What an expression gives, as far as that can be told."""
+        """Return the use for the result of an expression, a string if its type is unknown."""
         return cls(_of_node(node, fields))
 
 
@@ -104,7 +106,7 @@ _WHOLE = ("uint32", "int32", "uint64", "int64")
 
 
 def _joined(kinds: set[str]) -> str | None:
-    """One kind that holds all values of some; None if there is none."""
+    """Return a field type that holds all values of the given types; None if no such type exists."""
     if len(kinds) == 1:
         return next(iter(kinds))
     if kinds <= {"uint32", "uint64"}:
@@ -116,7 +118,7 @@ def _joined(kinds: set[str]) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class FilterField:
-    """One field: what it is filtered by, what it is called, and how it is shown."""
+    """A field of Wireshark: its filter name, its label, its display and its documentation."""
 
     filter: str
     label: str
@@ -125,17 +127,18 @@ class FilterField:
 
 
 class FilterFields:
-    """The fields of a protocol; each use gets a number, by which the tables of frames name it."""
+    """The fields of a protocol; each use has a number, by which the tables of frames refer to it."""
 
     def __init__(self, prefix: str) -> None:
         self.prefix = prefix
         self._uses: dict[tuple[str, str, FieldUse], tuple[int, str]] = {}
 
     def use(self, frame: Frame, name: str, use: FieldUse, doc: str) -> int:
+        """Return the number of a use of a name in a frame, registered if it is new."""
         return self._uses.setdefault((frame.name, name, use), (len(self._uses) + 1, doc))[0]
 
     def all(self) -> tuple[dict[int, int], list[FilterField]]:
-        """The place of each use's field, and the fields."""
+        """Return the index of the field for each use, and the fields."""
         kinds: dict[str, set[str]] = {}
         for _, name, use in self._uses:
             kinds.setdefault(identifier(name), set()).add(use.kind)

@@ -1,7 +1,7 @@
-"""A dissector for Wireshark from a definition: one file of Lua, and what it does not say.
+"""Generate a Wireshark dissector from a definition: one Lua file, and the list of parts that are left out.
 
-The file holds the values, forms and reader of this package as they stand, the frames of the definition as tables, and
-the dissector, which stands behind them.
+The file contains the values, forms and reader modules of this package unchanged, the frames of the definition as
+tables, and finally the dissector.
 """
 
 from __future__ import annotations
@@ -34,16 +34,19 @@ _UINT32 = 0xFFFF_FFFF
 _PREFERENCES = ("number", "flag", "choice", "text")
 """The types of parameters that Wireshark's preferences can show."""
 _FEW = 200
-"""A byte that may have more values than this tells frames apart too seldom."""
+"""A byte with more possible values than this rarely distinguishes frames."""
 
 
 @dataclass(frozen=True, slots=True)
 class Dissector:
-    """The file, what its fields begin with, and what it does not say: with the frames that have it."""
+    """A generated dissector."""
 
     source: str
+    """The Lua file."""
     prefix: str
+    """The prefix of its field names."""
     left_out: tuple[tuple[Problem, tuple[str, ...]], ...]
+    """The parts without a Lua form, each with the frames that contain it."""
 
 
 @cache
@@ -52,21 +55,23 @@ def _part(name: str) -> str:
 
 
 def prefix_of(protocol: Protocol) -> str:
-    """What the names of a protocol's fields begin with."""
+    """Return the prefix of a protocol's field names."""
     return f"fk_{identifier(protocol.name)}"
 
 
 def preference_of(parameter: Parameter) -> str:
-    """What a parameter is called among Wireshark's preferences, behind `prefix_of` and a point."""
+    """Return the name of a parameter in Wireshark's preferences, without `prefix_of` and the point."""
     return f"set_{identifier(parameter.name)}"
 
 
 def generate_dissector(protocol: Protocol, given: Any = None) -> Dissector:
-    """The dissector of a protocol. `given`: parameters and state by name; default: the definition's."""
+    """Return the dissector of a protocol. `given`: parameters and state by name; default: the definition's."""
     return _DissectorWriter(protocol, start_values(protocol) if given is None else given).write()
 
 
 class _DissectorWriter:
+    """Assemble the dissector of a protocol."""
+
     def __init__(self, protocol: Protocol, given: Any) -> None:
         self.protocol = protocol
         self.given = given
@@ -116,11 +121,13 @@ class _DissectorWriter:
         )  # fmt: skip
 
     def _preference(self, parameter: Parameter) -> str | None:
-        """A parameter that frames depend on, for Wireshark's preferences. Secrets and formulas are never there."""
+        """Return the preference for a parameter that frames depend on, or None; secrets and formulas have no
+        preference.
+        """
         try:
             value = self.given[parameter.name]
         except (*EVALUATION_ERRORS, MissingName):
-            return None  # a preference always has a value: only --set gives this one
+            return None  # a preference always has a value, so only `--set` can set this parameter
         low, high = parameter.limits or (0, _UINT32)
         fits = parameter.type != "number" or (isinstance(value, int) and 0 <= low <= value <= high <= _UINT32)
         is_asked = parameter.name in self.expressions.asked and parameter.type in _PREFERENCES and fits
@@ -140,7 +147,8 @@ class _DissectorWriter:
         whole = writer.whole()
         for problem in [*self.expressions.problems, *writer.unverified]:
             self.left_out.setdefault(problem, []).append(frame.name)
-        self.expressions.problems.clear()  # of what is announced and repeated nothing is left out
+        # `_echo` and `_announces` below do not leave anything out of the frame itself
+        self.expressions.problems.clear()
         segments = writer.segments
         size = self.module.static.all(segments).fixed
         checks = checks_option(segments)
@@ -157,7 +165,9 @@ class _DissectorWriter:
         return f"R.add({table(entries)})"
 
     def _echo(self, writer: SegmentWriter, frame: Frame) -> str | None:
-        """What a reply has to repeat of its request: its field, and what that is by the fields of the request."""
+        """Return the fields that a reply must repeat, each with a function of the request's fields; None if there are
+        none.
+        """
         echo = ((string(name), self._of_request(expression)) for name, expression in frame.echo.items())
         return listed(f"{{ {name}, {text} }}" for name, text in echo) if frame.echo else None
 
@@ -167,7 +177,9 @@ class _DissectorWriter:
         return self.expressions.function(expression, scope)
 
     def _announces(self, writer: SegmentWriter, frame: Frame) -> str | None:
-        """What a frame tells of later ones: the state, and its value by the fields of the frame."""
+        """Return the state that a frame announces for later frames, each with a function of the frame's fields; or
+        None.
+        """
         told = []
         for one in frame.announces:
             if one.key is not None or WIRE in names_in(one.value.root):
@@ -179,19 +191,19 @@ class _DissectorWriter:
         return listed(told) if told else None
 
     def _fixed(self, frame: Frame) -> str:
-        """The bytes that tell the frame from others: places and what may stand there."""
+        """Return the bytes that distinguish the frame: offsets and possible values."""
         found = ((place, values) for place, values in fixed_bytes(self.module.static.segments(frame)))
         few = [(place, bytes(sorted(values))) for place, values in found if len(values) <= _FEW]
         return listed(f"{{ {place}, {string(values)} }}" for place, values in few)
 
     def _names(self) -> list[str]:
-        """What expressions read beside fields: parameters and state as they begin, and tables."""
+        """Return the start values of parameters and state that expressions read, and the tables."""
         lines = []
         for name in sorted(self.expressions.asked):
             try:
                 lines.append(f"R.given[{string(name)}] = {constant(self.given[name], self.protocol.at)}")
             except (*EVALUATION_ERRORS, MissingName, CannotSayError):
-                continue  # that it has no value is said where it is read
+                continue  # the missing value is reported where the name is read
         for name in sorted(self.expressions.tables):
             try:
                 lines.append(f"R.tables[{string(name)}] = {_table(self.protocol.tables[name])}")

@@ -1,7 +1,7 @@
-"""The segments of a frame as tables of Lua, which `reader.lua` reads frames by: one function for each kind of segment.
+"""Write the segments of a frame as Lua tables for `reader.lua`: one function for each kind of segment.
 
-What a kind of segment asks of its neighbours (what a length counts, what a check code covers, what stands behind) is
-asked of the writer of careful functions of the Python codec, so that both mean the same.
+Questions about related segments (counted segments, covered bytes, later segments) are answered by the writer of careful
+functions of the Python codec, so that both interpret a definition identically.
 """
 
 from __future__ import annotations
@@ -63,17 +63,18 @@ from framekit.definition.problems import CannotSayError, Problem
 
 Entries = dict[str, str | None]
 WIDEST_CHECK = 32
+"""Largest width in bits of a check code that Lua computes."""
 
 
 class Checks:
-    """The check methods of a file, each a local of its own."""
+    """The check methods of a file, each as an entry of the list `methods`."""
 
     def __init__(self, expressions: LuaExpressions) -> None:
         self._expressions = expressions
         self.lines: dict[CheckMethod, str] = {}
 
     def method(self, method: CheckMethod, at: Any) -> str:
-        """Text of a method. Raises CannotSayError for one that Lua does not work out."""
+        """Return the source of a check method. Raises CannotSayError for a method that Lua cannot compute."""
         if method.is_keyed:
             raise not_said(at, f"the check code {method.name} is made with a key")
         if method.kind not in ("sum", "word_sum", "xor", "sum7", "xor7", "or", "multiply", "crc", "fold"):
@@ -99,7 +100,7 @@ class Checks:
 
 
 class SegmentWriter:
-    """Writes the segments of one frame."""
+    """Write the segments of a frame."""
 
     def __init__(
         self, module: Module, frame: Frame, expressions: LuaExpressions, checks: Checks, fields: FilterFields
@@ -118,7 +119,7 @@ class SegmentWriter:
     # ---- parts of a frame ---------------------------------------------------------------------------------
 
     def whole(self) -> Entries:
-        """The entries of a frame that say how its bytes are read."""
+        """Return the table entries that define how the bytes of the frame are read."""
         frame = self.frame
         if frame.delimited and frame.tail and isinstance(frame.tail[0], Const):
             return {
@@ -129,7 +130,7 @@ class SegmentWriter:
         return self.region(self.segments, self.scope)
 
     def region(self, segments: Segments, scope: Scope) -> Entries:
-        """A whole buffer: its segments, and those up to its last variable one by themselves."""
+        """Return the entries of a buffer: its segments, and the indexes of its variable middle and of its tail."""
         front, middle, _ = parts_around(self.diagnosis.static, segments)
         if not middle:
             return {"of": self.listed(segments, scope), "front": None}
@@ -143,7 +144,7 @@ class SegmentWriter:
         return listed(self.segment(one, scope) for one in segments)
 
     def segment(self, segment: Segment, scope: Scope) -> str:
-        """One segment; what cannot be said says so when it is reached."""
+        """Return the table of a segment; a segment without a Lua form fails when it is reached."""
         key = self._key(segment)
         static = self.static.present(segment)
         paths = sorted({path for one in everything((segment,)) for path in paths_of(one)})
@@ -169,7 +170,7 @@ class SegmentWriter:
         return table(entries)
 
     def _absent(self, segment: Segment, scope: Scope, entries: Entries) -> None:
-        """What holds where a segment is not there by its condition."""
+        """Add the entries for the case that the condition of a segment is false."""
         if isinstance(segment, Field) and segment.default is not None:
             entries["default"] = self._value(self._default(segment), scope)
             return
@@ -180,7 +181,7 @@ class SegmentWriter:
 
     @staticmethod
     def _default(field: Field) -> Expression:
-        """A default given by a name of `values` is its number."""
+        """Return the default of a field, with a name from `values` replaced by its number."""
         assert field.default is not None
         root = field.default.root
         for value, name in (field.values or {}).items():
@@ -199,7 +200,7 @@ class SegmentWriter:
     # ---- texts --------------------------------------------------------------------------------------------
 
     def _key(self, segment: Segment) -> str:
-        """A segment's name as the careful functions know it: its kind, if it has no name and is not asked for."""
+        """Return the key of a segment in the careful functions: its name, or its kind if no name is needed."""
         name = segment.name or ""
         if name and (not name.startswith("_") or segment.path in self.diagnosis.asked_for):
             return name
@@ -207,7 +208,7 @@ class SegmentWriter:
 
     @staticmethod
     def _path(segment: Segment, key: str) -> str | None:
-        """What tells a segment from those of other records; None where its key does."""
+        """Return the path that distinguishes a segment from those of other records; None if the key is enough."""
         return string(segment.sibling_path(key)) if segment.holder else None
 
     def _shown(self, segment: Segment) -> str:
@@ -218,7 +219,7 @@ class SegmentWriter:
         return listed(string(name) for name in names)
 
     def _needs(self, segment: Segment, *needed: str | Expression) -> str:
-        """The paths of what has to be read before names of siblings and expressions of a segment mean something."""
+        """Return the paths of the segments that must be read before names and expressions of a segment are valid."""
         return self._texts(sorted(paths_read(segment, self.diagnosis.all_paths, *needed)))
 
     def _value(self, expression: Expression, scope: Scope) -> str:
@@ -236,7 +237,7 @@ class SegmentWriter:
         return str(self.fields.use(self.frame, name, use, segment.doc))
 
     def _may_hold(self, segment: Segment) -> str | None:
-        """Whether the first byte of a constant behind may stand in what reaches up to it."""
+        """Return whether the first byte of a following constant may be part of the segment's content."""
         return flag(bytes_of([segment], self.static.frames))
 
     # ---- types --------------------------------------------------------------------------------------------
@@ -269,7 +270,7 @@ class SegmentWriter:
         )  # fmt: skip
 
     def _numbered(self, segment: Field | Length | Count) -> Entries:
-        """What makes the value of the number on the wire, and its limits."""
+        """Return the conversion from the encoded number to the value, and its limits."""
         plus = segment.plus if isinstance(segment, Field) else 0
         unit = segment.unit if isinstance(segment, Field) else None
         at, limits = segment.at, segment.limits
@@ -286,7 +287,7 @@ def _number(at: Node, value: int) -> Node:
 
 
 def _limit(value: int) -> str:
-    """A limit: one that is not exact is far enough away."""
+    """Return a limit as a Lua number; a limit that is not exact is too large to matter."""
     return str(value) if abs(value) < 1 << 53 else f"{float(value)!r}"
 
 
@@ -439,7 +440,7 @@ def _check(w: SegmentWriter, s: Check, scope: Scope) -> Entries:
 
 
 def _covered(w: SegmentWriter, check: Check, scope: Scope) -> str:
-    """Text of the bytes that a check covers."""
+    """Return the source of the bytes that a check covers."""
     segments = w.diagnosis.segments
     if check.covers is None:
         return "X.before(n)"
@@ -489,7 +490,7 @@ def _choose(w: SegmentWriter, s: Choose, scope: Scope) -> Entries:
     on = w._value(s.on, scope)
     cases = []
     for keys, segments in s.cases:
-        w.diagnosis.declare(segments, scope)  # a record or list of another case may have the same name
+        w.diagnosis.declare(segments, scope)  # another case may have a record or list of the same name
         values = (numbers.get(key, key) if isinstance(key, str) else key for key in keys)
         cases.append(table({"keys": listed(constant(one, s.at) for one in values), "of": w.listed(segments, scope)}))
     w.diagnosis.declare(s.otherwise or (), scope)
@@ -586,4 +587,4 @@ _KINDS: Mapping[type[Segment], Callable[[SegmentWriter, Any, Scope], Entries]] =
     Choose: _choose, Optional: _optional, Wrap: _wrap, Inner: _inner, Nested: _nested,
 }  # fmt: skip
 _NOT_REFUSED = (Skip, Wrap, Inner, Nested, Record)
-"""Kinds whose own faults are never answered with a code."""
+"""Kinds whose own faults are never answered with a refusal code."""

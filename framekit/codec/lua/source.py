@@ -1,6 +1,6 @@
-"""Lua source being written: texts, names, numbers. This is the one place where text of a definition becomes Lua.
+"""Build Lua source: texts, names, numbers. Only this module turns text of a definition into Lua.
 
-`string` makes the literal of any text or bytes, `comment` a comment of any text. All other text is the generator's own.
+`string` makes a literal of any text or bytes, `comment` a comment of any text. All other text comes from the generator.
 """
 
 from __future__ import annotations
@@ -12,18 +12,18 @@ from typing import Any
 from framekit.definition.problems import CannotSayError, Position
 
 EXACT = 1 << 53
-"""Numbers of Lua are exact below this."""
+"""Lua represents whole numbers below this limit exactly."""
 
 
 def not_said(at: Position, what: str) -> CannotSayError:
-    """What has no form in Lua."""
+    """Return the error for a part without a Lua form."""
     return CannotSayError(at, what, "where it is reached, the frame is shown as bytes")
 
 
 def string(value: str | bytes) -> str:
-    """A literal: letters, digits, spaces and a few signs as they are, every other byte as three digits.
+    """Return a literal: letters, digits, spaces and some punctuation unchanged, every other byte as three digits.
 
-    Text of a definition is of bytes (latin-1); other signs are those of UTF-8, as messages show them.
+    Text of a definition is bytes (latin-1); text with other characters is encoded as UTF-8, as in messages.
     """
     if isinstance(value, bytes):
         data = value
@@ -33,7 +33,7 @@ def string(value: str | bytes) -> str:
 
 
 def utf8(text: str) -> str:
-    """A literal of text that is shown to people."""
+    """Return a literal of text for display."""
     return string(text.encode("utf-8"))
 
 
@@ -43,33 +43,33 @@ def _sign(byte: int) -> str:
 
 
 def comment(text: str) -> str:
-    """A comment of any text, on one line."""
+    """Return a one-line comment with any text."""
     shown = "".join(sign if sign.isascii() and sign.isprintable() else " " for sign in text)
     return f"-- {shown}".rstrip()
 
 
 def number(value: int, at: Position) -> str:
-    """A whole number that is exact. Raises CannotSayError for others."""
+    """Return an exact whole number. Raises CannotSayError for numbers of more than 53 bits."""
     if abs(value) >= EXACT:
         raise not_said(at, f"the number {value}, which has more than 53 bits")
     return str(value) if value >= 0 else f"({value})"
 
 
 def identifier(name: str) -> str:
-    """A name for fields of Wireshark: small letters, digits and _."""
+    """Return a name for Wireshark fields: lower-case letters, digits and underscores."""
     return re.sub(r"[^a-z0-9_]", "_", name.lower())
 
 
 def table(entries: Mapping[str, Any]) -> str:
-    """A table of texts that are Lua already, by names of the generator; those that are None are left out."""
+    """Return a table of Lua sources by names of the generator; entries of None are omitted."""
     return "{ " + ", ".join(f"{name} = {text}" for name, text in entries.items() if text is not None) + " }"
 
 
 def listed(texts: Iterable[str]) -> str:
-    """A list of texts that are Lua already."""
+    """Return a list of Lua sources."""
     return "{ " + ", ".join(texts) + " }"
 
 
 def flag(value: object) -> str | None:
-    """`true`, or nothing to write."""
+    """Return `true`, or None for a false value, which needs no entry."""
     return "true" if value else None

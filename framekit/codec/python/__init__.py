@@ -1,4 +1,4 @@
-"""The Python compiler: from the model of a protocol to the source of a module of plain functions.
+"""Compile the model of a protocol to the source of a Python module of plain functions.
 
-It writes text and knows nothing of engines or lines; what it writes needs no framekit.
+The compiler only writes source and is independent of engines and lines; its output does not need framekit.
 """

@@ -1,7 +1,7 @@
-"""Which of several frames begins here: the bytes that tell candidates apart before any of them is read.
+"""Choose between candidate frames by bytes that distinguish them, before any of them is read.
 
-A frame is left out only where a byte at a fixed place contradicts its constants, and no fault before that place could
-have it refused instead.
+A frame is excluded only if a byte at a fixed offset contradicts its constants, and if no fault before that offset could
+cause a refusal instead.
 """
 
 from __future__ import annotations
@@ -16,21 +16,21 @@ from framekit.definition.model.segments import Bits, Const, Field, FieldType, In
 from framekit.definition.wire_types import DIGITS
 
 Allowed = Mapping[int, frozenset[int]]
-"""Place in the frame → the values its byte can have."""
+"""The possible values of a byte of a frame, by its offset."""
 _FEW = 128
-"""A frame that allows more values of a byte is not told apart by it; a single bit leaves so many."""
+"""A byte with more allowed values than this does not distinguish a frame; a single fixed bit leaves 128."""
 
 
 @dataclass(frozen=True, slots=True)
 class Leaf:
-    """Candidates that no byte tells apart."""
+    """Candidates that no byte distinguishes."""
 
     frames: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Switch:
-    """Candidates told apart by the byte at `at`."""
+    """Candidates that the byte at offset `at` distinguishes."""
 
     frames: tuple[str, ...]
     at: int
@@ -39,16 +39,16 @@ class Switch:
 
 
 _TREES: WeakKeyDictionary[StaticSizes, dict[tuple[str, ...], Leaf | Switch]] = WeakKeyDictionary()
-"""Trees that were made, by protocol and candidates: a large one takes its time."""
+"""Cached trees, by protocol and candidates, because large trees are slow to compute."""
 
 
 def in_order(static: StaticSizes, frames: tuple[str, ...]) -> tuple[str, ...]:
-    """Candidates in the order they are tried: those that exist to be refused come last."""
+    """Return candidates in the order of trial: frames with `refuse` come last."""
     return tuple(sorted(frames, key=lambda name: static.frames[name].refuse is not None))
 
 
 def tree_of(static: StaticSizes, frames: tuple[str, ...]) -> Leaf | Switch:
-    """How candidates, in this order, are told apart."""
+    """Return the decision tree of candidates in this order."""
     known = _TREES.setdefault(static, {})
     if frames not in known:
         allowed = {name: dict(fixed_bytes(static.segments(static.frames[name]))) for name in frames}
@@ -57,7 +57,10 @@ def tree_of(static: StaticSizes, frames: tuple[str, ...]) -> Leaf | Switch:
 
 
 def _tree(frames: tuple[str, ...], allowed: Mapping[str, Allowed], used: frozenset[int], again: bool) -> Leaf | Switch:
-    """`again`: a byte may still be taken that only tells some frames from those it does not restrict."""
+    """Return the decision tree of candidates.
+
+    `again`: one more byte may be used that only separates restricted frames from unrestricted ones.
+    """
     places = {place for name in frames for place in allowed[name]} - used
     if not again:
         places = {place for place in places if _left(frames, allowed, place) < len(frames)}
@@ -76,7 +79,9 @@ def _tree(frames: tuple[str, ...], allowed: Mapping[str, Allowed], used: frozens
 
 
 def _left(frames: tuple[str, ...], allowed: Mapping[str, Allowed], place: int) -> float:
-    """How many candidates are left on average when the byte at `place` is one that some of them want."""
+    """Return the average number of remaining candidates if the byte at `place` has a value that some of them
+    require.
+    """
     groups = _groups(frames, allowed, place)
     return sum(len(group) for group in groups.values()) / len(groups) if groups else len(frames)
 
@@ -93,9 +98,9 @@ _DIGITS = {10: frozenset(b"0123456789"), 16: DIGITS}
 
 
 def fixed_bytes(segments: tuple[Segment, ...], digits: bool = False) -> Iterator[tuple[int, frozenset[int]]]:
-    """The bytes at fixed places that a frame restricts, before anything it could be refused for.
+    """Yield offset and possible values of the restricted bytes of a frame, up to the first segment that may be refused.
 
-    `digits`: also where any digits may stand.
+    `digits`: include bytes that may be any digit.
     """
     place = 0
     static = StaticSizes({})
@@ -141,7 +146,7 @@ def _numbers_at(
 
 
 def choice_text(tree: Leaf | Switch) -> str:
-    """The text of a `Choice` for the tree."""
+    """Return the source of a `Choice` for the tree."""
     everything = _frames_text(tree.frames)
     if isinstance(tree, Leaf):
         return f"Choice({everything})"

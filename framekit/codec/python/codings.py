@@ -1,6 +1,6 @@
-"""How generated code writes and reads the content of a wrap: a row for each coding, by its class.
+"""Define how generated code builds and reads the content of a wrap: a row for each coding, by its class.
 
-The functions that the rows name stand in `codec/stuffing.py` and `codec/ciphers.py`; `Module.function` inlines them.
+The named functions are in `codec/stuffing.py` and `codec/ciphers.py`; `Module.function` inlines them.
 """
 
 from __future__ import annotations
@@ -16,36 +16,35 @@ from framekit.definition.codings import Blocks, Ciphered, Cobs, Coding, Doubled,
 from framekit.definition.expression import Expression
 
 Arguments = Callable[[Module, Any, int | None], str]
-"""The text of further arguments: for a module, a coding, and the size of its content, where that is always the same."""
+"""Return the source of further arguments, given a module, a coding, and the content size if it is constant."""
 
 Text = Callable[[Expression], str]
-"""Writes an expression where the wrap stands."""
+"""Write an expression in the scope of the wrap."""
 
 
 class WireCoding(NamedTuple):
-    """The names of the functions that build, read, and read with care; what each is given beside the bytes.
-
-    `careful` is empty where the kind `wrap` reads with care itself.
-
-    `starts`: what stands on the wire for content that begins with some bytes, as far as these decide it.
-    `brought`: the import with which the reading function comes.
-    """
+    """The functions of a coding: names, and the arguments after the bytes."""
 
     build: str
+    """The function that encodes content."""
     read: str
+    """The function that decodes content."""
     careful: str
+    """The function that decodes carefully; empty if the kind `wrap` does this itself."""
     build_arguments: Arguments = lambda module, coding, size: ""
     read_arguments: Arguments = lambda module, coding, size: ""
     starts: Callable[[Any, bytes], bytes] = lambda coding, plain: b""
+    """Returns the encoded bytes at the start, as far as the first bytes of the content determine them."""
     brought: str = ""
+    """The import line of the decoding function."""
 
     def build_text(self, module: Module, coding: Coding, content: str, text: Text) -> str:
-        """Text of what stands on the wire for the content, a text; `text` writes the expressions of the coding."""
+        """Return the source of the encoded content; `text` writes the expressions of the coding."""
         arguments = self.build_arguments(module, coding, None)
         return f"{module.function(self.build)}({content}{arguments}{_expressions(coding, text)})"
 
     def read_text(self, module: Module, coding: Coding, wire: str, size: int | None, text: Text) -> str:
-        """Text of the content of what stands on the wire, a text; `size`: of content that always has so many bytes."""
+        """Return the source of the decoded content; `size` is the content size if it is constant."""
         if self.brought:
             module.imports.add(self.brought)
             return f"{self.read}({wire})"
@@ -53,7 +52,7 @@ class WireCoding(NamedTuple):
         return f"{module.function(self.read)}({wire}{arguments}{_expressions(coding, text)})"
 
     def careful_text(self, module: Module, coding: Coding, size: int | None, text: Text) -> str:
-        """Text of a function that reads with care what stands on the wire; expressions may have no value."""
+        """Return the source of a function that decodes carefully; expressions of the coding may lack a value."""
         function, arguments = module.function(self.careful), self.read_arguments(module, coding, size)
         if coding.expressions:
             arguments += f", lambda: ({_expressions(coding, text).removeprefix(', ')})"
@@ -61,7 +60,7 @@ class WireCoding(NamedTuple):
 
 
 def _expressions(coding: Coding, text: Text) -> str:
-    """The values of the expressions of a coding as further arguments."""
+    """Return the values of a coding's expressions as further arguments."""
     return "".join(f", {text(value)}" for _, value in coding.expressions)
 
 
@@ -70,7 +69,7 @@ def _one(byte: int) -> bytes:
 
 
 def _codes(coding: Escaped) -> tuple[tuple[bytes, bytes], ...]:
-    """What each byte is on the wire, the escape byte first: it stands in all others."""
+    """Return the encoding of each escaped byte, first the escape byte, which is part of all others."""
     codes = sorted(coding.codes, key=lambda one: one[0] != coding.escape)
     return tuple((_one(byte), bytes((coding.escape, code))) for byte, code in codes)
 
@@ -146,14 +145,14 @@ WIRE: Mapping[type[Coding], WireCoding] = {
         lambda module, coding, size: f", {bytes_literal(_one(coding.fill))}, {coding.least}, {size}",
     ),
 }
-"""The codings there are."""
+"""All codings."""
 
 
 def wire_coding(coding: Coding) -> WireCoding:
-    """The row of a coding."""
+    """Return the row of a coding."""
     return WIRE[type(coding)]
 
 
 def starts(coding: Coding, plain: bytes) -> bytes:
-    """The bytes on the wire with which content surely begins that begins with `plain`."""
+    """Return the encoded bytes that are certain at the start of content that begins with `plain`."""
     return wire_coding(coding).starts(coding, plain)

@@ -1,8 +1,8 @@
-"""Decoders: one function a frame that takes bytes and gives values. What reads its segments the `BufferReader` writes.
+"""Write decoders: one function per frame that takes bytes and returns values; `BufferReader` writes its body.
 
-And decoders of a frame together with the plain frame inside it: one function for the two, that reads both at once;
-which pairs are worth one, their segments as one list, and the function. They read what fits and nothing else: whatever
-does not is left to the frame's own decoder, which is where faults are told.
+Pairs of a frame and a plain inner frame have a fused decoder, which reads both at once. This module chooses the pairs,
+joins their segments to one list, and writes the function. A fused decoder reads only bytes that fit; all others are
+left to the frame's own decoder, which reports faults.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ def write_decoder(
     frame: Frame | None,
     fused: tuple[str, int] | None = None,
 ) -> Source:
-    """The source of `decode_…` of a frame, or of a layout if `frame` is None.
+    """Return the source of `decode_…` of a frame, or of a layout if `frame` is None.
 
-    `fused`: the table of what reads the frame together with the one inside it, and the place of the byte it goes by.
+    `fused`: the table of the fused decoders, and the offset of the byte that selects one.
     """
     function = Function(module, identifier, segments)
     fields = Fields(function.names.fresh("fields"))
@@ -80,7 +80,7 @@ def write_decoder(
 
 
 def _ends_at_tail(function: Function, reader: BufferReader, frame: Frame, tail: Const) -> None:
-    """A delimited body ends at the first byte of the tail, whatever is in it."""
+    """Add the condition that a delimited body ends at the first byte of the tail, whatever its content."""
     head = function.static.all(frame.head).fixed
     if head is None:
         reader.body_begins = next(in_place_of_records(frame.body), None)
@@ -96,7 +96,7 @@ def _ends_at_tail(function: Function, reader: BufferReader, frame: Frame, tail: 
 
 
 def _try_fused(out: Source, table: str, place: int) -> None:
-    """Most frames are read in one go; whatever does not fit is looked at part by part."""
+    """Write the attempt to read the frame with a fused decoder; bytes that do not fit are read normally."""
     with out.block("try:"):
         out.add(f"fused = {table}[data[{place}]]")
         with out.block("if fused is not None:"):
@@ -106,7 +106,7 @@ def _try_fused(out: Source, table: str, place: int) -> None:
 
 
 def limit(function: Function, most: int, segments: tuple[Segment, ...]) -> None:
-    """A frame must not be longer than its definition says."""
+    """Add the condition that a frame is not longer than its definition allows."""
     longest = function.static.all(segments).most
     if longest is not None and longest <= most:
         return
@@ -120,23 +120,26 @@ def limit(function: Function, most: int, segments: tuple[Segment, ...]) -> None:
 # ---- a frame and the one inside it ---------------------------------------------------------------------------
 
 MOST_PAIRS = 40
-"""A frame is fused with so many others at most: each pair is a function more, of ten lines or so."""
+"""Limit of the fused decoders of a frame; each is a function of about ten lines."""
 MOST_SEGMENTS = 24
-"""Frames with more segments than these have so much to do that a call more or less is no matter."""
+"""Pairs with more segments than this are not fused: reading them takes so long that a saved call does not matter."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """A frame with one inside it in place of all that may stand there: `segments` of both, those `inside` as well."""
+    """A frame together with one of its possible inner frames."""
 
     inner: Inner
+    """The segment that holds the inner frame."""
     inside_name: str
     inside: tuple[Segment, ...]
+    """The segments of the inner frame."""
     segments: tuple[Segment, ...]
+    """The segments of both frames, in order."""
 
 
 def pairs_of(static: StaticSizes, frame: Frame) -> Iterator[Pair]:
-    """The pairs of a frame that are worth a function: plain ones, that a byte chooses before all others."""
+    """Yield the pairs of a frame that deserve a fused decoder: plain inner frames that one byte selects."""
     inner = place_of(static, frame)
     if inner is None:
         return
@@ -147,7 +150,7 @@ def pairs_of(static: StaticSizes, frame: Frame) -> Iterator[Pair]:
 
 
 def place_of(static: StaticSizes, frame: Frame) -> tuple[Inner, int] | None:
-    """The only frame inside a frame, and the byte that tells which it is; None where there is none at a fixed place."""
+    """Return the only inner frame of a frame, and the offset of the byte that selects it; None if its offset varies."""
     found = [segment for segment in everything(frame.segments) if isinstance(segment, Inner)]
     if len(found) != 1 or found[0].when is not None or frame.delimited or found[0] not in frame.segments:
         return None
@@ -161,7 +164,7 @@ def place_of(static: StaticSizes, frame: Frame) -> tuple[Inner, int] | None:
 
 
 def likely_names(static: StaticSizes, inner: Inner) -> list[str]:
-    """The frames that are tried first because of their deciding byte; see `Choice.likely`."""
+    """Return the inner frames that are tried first because of their deciding byte; see `Choice.likely`."""
     tree = tree_of(static, in_order(static, inner.frames))
     branches = [branch for _, branch in tree.cases] + [tree.others] if isinstance(tree, Switch) else [tree]
     firsts = [branch.frames[0] for branch in branches if isinstance(branch, Leaf) and 1 <= len(branch.frames) <= 2]
@@ -169,7 +172,7 @@ def likely_names(static: StaticSizes, inner: Inner) -> list[str]:
 
 
 def _pair(static: StaticSizes, frame: Frame, inner: Inner, name: str) -> Pair | None:
-    """The two as one list of segments; None where they cannot be read as one."""
+    """Return a frame and an inner frame as one list of segments; None if they cannot be read as one."""
     other = static.frames[name]
     inside = tuple(renamed(segment) for segment in static.segments(other))
     sizes = static.all(inside)
@@ -193,12 +196,12 @@ def _pair(static: StaticSizes, frame: Frame, inner: Inner, name: str) -> Pair | 
     )
     head, body, tail = lists
     fused = static.segments(replace(frame, head=head, body=body, tail=tail))
-    # conditions come last, so that they part no fields that one struct can read
+    # conditions come last, so that they do not separate fields that one struct can read
     return Pair(inner, name, inside, tuple(sorted(fused, key=lambda segment: segment.condition is not None)))
 
 
 def _ends_alike(static: StaticSizes, frame: Frame, inner: Inner, sizes: Sizes) -> bool:
-    """Whether the frame inside, read where it stands, ends where its region does."""
+    """Return whether the inner frame, read from its own definition, ends at the end of its region."""
     if isinstance(inner.size, int):
         return sizes.fixed == inner.size
     segments = static.segments(frame)
@@ -210,11 +213,12 @@ def _ends_alike(static: StaticSizes, frame: Frame, inner: Inner, sizes: Sizes) -
 
 
 def renamed(segment: Segment) -> Segment:
-    """What fills a frame up has the same name in every frame."""
+    """Return the segment with a new name if it fills a frame up, as these have the same name in every frame."""
     return replace(segment, name="_fill_inside") if segment.name == "_fill" else segment
 
 
 def is_plain(segments: Iterable[Segment]) -> bool:
+    """Return whether the segments are few, unconditional, and readable in a fused function."""
     every = tuple(everything(segments))
     return len(every) <= MOST_SEGMENTS and all(
         segment.when is None and kind_of(segment).is_plain(segment) for segment in every
@@ -227,7 +231,7 @@ def names_of(segments: Iterable[Segment]) -> set[str]:
 
 
 def counting(segment: Segment, inner: Inner, parts: tuple[str, ...]) -> Segment:
-    """A length or check over the frame inside is one over its segments."""
+    """Return a length or check over the inner frame as a length or check over its segments."""
 
     def spread(names: Iterable[str]) -> tuple[str, ...]:
         return tuple(one for name in names for one in (parts if name == inner.name else (name,)))
@@ -240,7 +244,7 @@ def counting(segment: Segment, inner: Inner, parts: tuple[str, ...]) -> Segment:
 
 
 class Apart:
-    """Where names and values of a pair's segments belong: those of the frame inside apart."""
+    """Assign names and values of a pair's segments to the outer or the inner frame."""
 
     def __init__(self, function: Function, pair: Pair, fields: Fields) -> None:
         self._inside = {id(segment) for segment in pair.inside}
@@ -249,12 +253,12 @@ class Apart:
         self._where = Scope(), inside
 
     def where(self, segment: Segment, scope: Scope, fields: Fields) -> tuple[Scope, Fields]:
-        """The scope and the values of a segment; `scope` and `fields` are those of the frame around."""
+        """Return the scope and the dictionary of a segment; `scope` and `fields` are those of the outer frame."""
         return self._where if id(segment) in self._inside else (scope, fields)
 
 
 class _PairReader(BufferReader):
-    """Reads the two as one."""
+    """Read a pair as one list of segments."""
 
     def __init__(self, function: Function, pair: Pair, fields: Fields) -> None:
         super().__init__(function, "data", "at")
@@ -269,7 +273,7 @@ class _PairReader(BufferReader):
 
 
 def write_pairs(module: Module, identifier: str, frame: Frame) -> tuple[list[Source], tuple[str, int] | None]:
-    """The functions for the pairs of a frame; the table that has them, and the place of the byte it goes by."""
+    """Return the fused decoders of a frame, and their table with the offset of the deciding byte, or None."""
     place, sources, readers = place_of(module.static, frame), [], {}
     for pair in pairs_of(module.static, frame):
         name = readers[pair.inside_name] = module.names.fresh(f"{identifier}_with_{pair.inside_name}")
@@ -280,7 +284,7 @@ def write_pairs(module: Module, identifier: str, frame: Frame) -> tuple[list[Sou
 
 
 def function_of(module: Module, title: str, pair: Pair) -> Function:
-    """The function that is to read a pair."""
+    """Return the function that will read a pair."""
     function = Function(module, title, pair.segments)
     if isinstance(pair.inner.size, Expression):
         function.tracked |= set(_parts(pair))
@@ -288,7 +292,7 @@ def function_of(module: Module, title: str, pair: Pair) -> Function:
 
 
 def compare_size(function: Function, pair: Pair, scope: Scope) -> None:
-    """The frame inside has to take what the one around it says."""
+    """Add the condition that the inner frame has the size that the outer frame states."""
     if isinstance(pair.inner.size, Expression):
         size = function.writer(scope).text(pair.inner.size, BIT_OR)
         function.mismatch_if(f"{size} != {function.room(_parts(pair), plain=False)}")
@@ -299,9 +303,10 @@ def _parts(pair: Pair) -> dict[str, Target]:
 
 
 def write_fused(module: Module, identifier: str, title: str, frame: Frame, pair: Pair) -> Source:
-    """The source of a function that gives what `decode_…` of the frame does, if the frame inside is that of the pair.
+    """Return the source of a fused decoder, which returns the result of `decode_…` if the frame contains the pair's
+    inner frame.
 
-    Raises whatever comes up if it is not.
+    The decoder raises any exception if it does not.
     """
     function = function_of(module, title, pair)
     fields, scope = Fields(function.names.fresh("fields")), Scope()

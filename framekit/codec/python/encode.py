@@ -1,8 +1,8 @@
-"""Encoders: one function a frame that takes values, works out the rest, and gives bytes.
+"""Write encoders: one function per frame that takes values, computes the rest, and returns bytes.
 
-First all values are brought into locals, in the order in which they depend on each other; then the bytes are put
-together: runs of fixed segments packed at once, the others one by one, check codes over what stands there. The kinds of
-segments write their own values and bytes.
+First all values are assigned to locals in the order of their dependencies. Then the bytes are assembled: runs of fixed
+segments are packed at once, other segments individually, check codes over the bytes so far. The kinds of segments write
+their own values and bytes.
 """
 
 from __future__ import annotations
@@ -75,49 +75,55 @@ from framekit.definition.problems import DefinitionError
 from framekit.definition.wire_types import shown_stops
 
 Placed = tuple[Segment, Scope]
+"""A segment and the scope of its names."""
 CIRCLE = "its size goes round in a circle: such a frame can be read, not built"
-"""A segment and the scope its names belong to."""
+"""The message for a size that depends on itself."""
 Waiting = tuple[str, Check, Scope]
-"""A check code that covers what comes later: the mark in its place, the check, and the scope of its names."""
+"""A check code that covers later bytes: the mark in its place, the check, and the scope of its names."""
 Cases = list[tuple[str, tuple[Segment, ...] | None]]
-"""Headers of branches, each with what is there then; None where nothing may be."""
+"""Header line of each branch, with its segments; None marks a forbidden case."""
 
 
 @dataclass(slots=True)
 class Given:
-    """A mapping of values being used up: its text, how many have to be there, all names, and what is computed.
-
-    `in_cases`: the locals with what the cases that are taken compute, and with the names of the others. `conditional`:
-    the segments of these values that are there under a condition of their own.
-    """
+    """A mapping of values while it is consumed."""
 
     text: str
+    """The source of the mapping."""
     rules: str
+    """The source of the rules of its values."""
     path: tuple[str | Code, ...] = ()
+    """The path of the mapping, for messages."""
     needed: int = 0
+    """The number of values that must be given."""
     names: list[str] = field(default_factory=list)
+    """All names that the mapping may contain."""
     computed: dict[str, str] = field(default_factory=dict)
+    """The source of each computed value, by name."""
     in_cases: tuple[str, str] | None = None
+    """The locals that hold the computed values of the chosen cases, and the names of the other cases."""
     conditional: list[tuple[Segment, Scope]] = field(default_factory=list)
+    """The segments of these values that have a condition of their own."""
 
     def value(self, name: str) -> str:
-        """Text of a value that is there."""
+        """Return the source of a value that must be given."""
         return f"{self.text}[{quoted(name)}]"
 
     def value_or(self, name: str, otherwise: str) -> str:
-        """Text of a value, or of a constant if it was not given."""
+        """Return the source of a value, or of a constant if it is not given."""
         return f"{self.text}.get({quoted(name)}, {otherwise})"
 
     def value_or_worked_out(self, name: str, otherwise: str) -> str:
-        """Text of a value, or of what is worked out if it was not given."""
+        """Return the source of a value, or of a computed value if it is not given."""
         return f"{self.value(name)} if {quoted(name)} in {self.text} else {otherwise}"
 
 
 Number = Field | Length | Count | Bits
+"""The segments that hold a number."""
 
 
 class _Ended(NamedTuple):
-    """A text before whose end one of several bytes has to follow, and the locals of what stands behind it."""
+    """A text that ends before one of several bytes, with the locals of the bytes that follow it."""
 
     segment: Segment
     scope: Scope
@@ -126,20 +132,20 @@ class _Ended(NamedTuple):
 
 @dataclass(slots=True)
 class KeptBytes:
-    """Some bytes of a buffer: the paths of the segments in them, and their text.
-
-    `on_wire`: for checks that count wraps as they stand on the wire, or for the others; None: for both.
-    """
+    """Some bytes of a buffer that checks may cover."""
 
     paths: tuple[str, ...]
+    """The paths of the segments in these bytes."""
     text: str
+    """The source of the bytes."""
     on_wire: bool | None = None
+    """True for checks that cover wraps in encoded form, False for the other checks, None for both."""
 
 
 def write_encoder(
     module: Module, identifier: str, name: str, segments: tuple[Segment, ...], frame: Frame | None
 ) -> Source:
-    """The source of `encode_…` of a frame, or of a layout if `frame` is None."""
+    """Return the source of `encode_…` of a frame, or of a layout if `frame` is None."""
     rules = module.rules(identifier, RuleWriter(module, identifier).mapping(segments))
     writer = EncodeWriter(module, identifier, segments)
     given = Given("values", rules)
@@ -169,10 +175,10 @@ def write_encoder(
 
 
 def texts_inside(segments: Iterable[Segment]) -> dict[tuple[str, ...], str]:
-    """Texts in lists, cases and the like that end before one of several bytes: the path, and the bytes in words.
+    """Return the paths of texts in lists, cases and similar that end before certain bytes, with these bytes in words.
 
-    What follows such a text is known when the frame is built. Where nothing stands around it, and the bytes are single
-    ones, `region` sees to that.
+    The byte after the text is known only when the frame is built. `region` checks texts at the top level that end
+    before single bytes.
     """
     found: dict[tuple[str, ...], tuple[bytes, ...]] = {}
 
@@ -195,9 +201,10 @@ def texts_inside(segments: Iterable[Segment]) -> dict[tuple[str, ...], str]:
 
 
 def tail_of(module: Module, frame: Frame | None) -> tuple[Const, int | Segment] | None:
-    """The constant that ends a delimited body; the size of the head before it, or where that varies what follows it.
+    """Return the constant that ends a delimited body, and the size of the head, or the segment after a head of variable
+    size.
 
-    None where the body can't hold the first byte of that constant.
+    None if the first byte of that constant is impossible in the body.
     """
     if frame is None or not frame.delimited or not frame.tail or not isinstance(frame.tail[0], Const):
         return None
@@ -210,7 +217,7 @@ def tail_of(module: Module, frame: Frame | None) -> tuple[Const, int | Segment] 
 
 
 def as_bytes(text: str, segments: tuple[Segment, ...]) -> str:
-    """The result is bytes even if it begins with a value that was given, which may be a bytearray."""
+    """Return source that gives bytes, even if it begins with a given value, which may be a bytearray."""
     first = next(leaves(segments), None)
     is_given = isinstance(first, Data) or (isinstance(first, Field) and first.type.kind == "bytes")
     is_packed = text[0].isupper() or text.startswith('b"')
@@ -218,7 +225,7 @@ def as_bytes(text: str, segments: tuple[Segment, ...]) -> str:
 
 
 def _given_in(segments: Iterable[Segment]) -> set[str]:
-    """What the segments of one record give to those that wait for it."""
+    """Return the tokens that the segments of a record provide to waiting tasks."""
     found: set[str] = set()
     for segment in flat(segments):
         found |= {f"{what}{name}" for name in segment.value_names for what in ("", "items of ")}
@@ -231,9 +238,9 @@ def _covered_itself(check: Check) -> DefinitionError:
 
 
 class EncodeWriter(FunctionWriter):
-    """Writes one encoder.
+    """Write an encoder.
 
-    Segments are known by their paths: in `asked_for`, `targets`, `rooms`, `wires`, `plains`, `late`, `postponed`.
+    The attributes `asked_for`, `targets`, `rooms`, `wires`, `plains`, `late` and `postponed` refer to segments by path.
     """
 
     def __init__(self, module: Module, title: str, segments: tuple[Segment, ...]) -> None:
@@ -243,25 +250,27 @@ class EncodeWriter(FunctionWriter):
         self.read_names = names_read(segments)
         nodes = (node for expression in expressions_of(segments) for node in walk(expression.root))
         self.fields_read = {node.name for node in nodes if isinstance(node, Attribute)}
-        """Names that expressions read of a value that has fields."""
+        """Attributes of records and items that expressions read."""
         self.asked_for = {
             path for segment in everything(segments) if isinstance(segment, Length) for path in segment.counted
         }
+        """Segments whose bytes a length counts, and frames whose length an expression reads."""
         measured = lengths_asked(segments)
         self.asked_for |= {one.path for one in everything(segments) if one.name in measured and one.frames_inside}
         """Segments whose bytes a length counts, and frames whose length an expression reads."""
         self.wires: dict[str, str] = {}
         """The local with the bytes of a segment."""
         self.targets = by_path(segments)
-        """The segments of the record being written and of those around it."""
+        """The segments of the record being written and of the records around it."""
         self.meant = dict(self.by_name)
-        """What the names of these segments mean in the record being written."""
+        """The segment of each name in the record being written."""
         self.rooms: dict[str, str] = {}
-        """The local with the room that a segment in one of several cases takes."""
+        """The local with the size of a segment that belongs to one of several cases."""
         self.counts: dict[str, str] = {}
         """The local with the number of values in a list, by the local of the list."""
         self.coverage = Coverage(segments)
         self.ends = dict(ending_constants(self.static, segments))
+        """The constants that end a part, by path and position of the part."""
         self.buffer = "frame"
         """The local with the bytes of the whole frame."""
         self.gathered: dict[str, str] = {}
@@ -269,29 +278,30 @@ class EncodeWriter(FunctionWriter):
         self.parts: list[KeptBytes] = []
         """The bytes that checks may cover."""
         self.plains: dict[str, str] = {}
-        """The local with the bytes that checks cover of a segment that may be absent."""
+        """The local with the covered bytes of a segment that may be absent."""
         self.begun: set[str] = set()
+        """The buffers that have been assigned."""
         self.late: dict[str, list[tuple[str, tuple[Segment, ...], Scope]]] = {}
         """The cases of a choice with check codes: header, segments, scope."""
         self.postponed: set[str] = set()
         """The checks that wait for bytes after them."""
 
     def refuse_if(self, condition: str) -> None:
-        """The values are refused if `condition` holds; the rules tell why."""
+        """Refuse the values if `condition` holds; the rules explain the reason."""
         if condition not in self.conditions:
             self.conditions.append(condition)
 
     def complain(self, condition: str, field: str, message: str) -> None:
-        """The values are refused if `condition` holds; `field` and `message` as they stand in the source."""
+        """Refuse the values if `condition` holds; `field` and `message` are source."""
         with self.out.block(f"if {condition}:"):
             self.add(f"raise EncodeError({field}, {message})")
 
     def compare_size(self, path: tuple[str | Code, ...], found: str, wanted: str, conditions: list[str]) -> None:
-        """The value is refused if its size (a text) is not the one that is wanted, where the conditions hold."""
+        """Refuse a value whose size (source) differs from the expected size, if all conditions hold."""
         self.add_if(conditions, f"{self.module.function('check_size')}({text_source(*path)}, {found}, {wanted})")
 
     def add_if(self, conditions: list[str], line: str) -> None:
-        """A line that is done where the conditions hold, or always if there are none."""
+        """Write a line that runs if all conditions hold, or always if the list is empty."""
         if not conditions:
             self.add(line)
             return
@@ -306,14 +316,14 @@ class EncodeWriter(FunctionWriter):
                 self.add("raise Mismatch")
 
     def context(self, name: str) -> str:
-        """Text of a context value, which is fetched where it is used."""
+        """Return the source of a context value, which is read at each use."""
         return self.module.given(self.module.known(name, self.segments))
 
     def text(self, expression: Expression, scope: Scope, level: int = 0) -> str:
         return self.writer(scope).text(expression, level)
 
     def if_present(self, segment: Segment, scope: Scope, text: str, otherwise: str) -> str:
-        """The text under the segment's condition."""
+        """Return the source, made conditional on the segment's condition."""
         if segment.when is None:
             return text
         return f"({text} if {self.text(segment.when, scope, OR)} else {otherwise})"
@@ -321,7 +331,7 @@ class EncodeWriter(FunctionWriter):
     # ---- what expressions wait for ------------------------------------------------------------------------
 
     def waits(self, *expressions: Expression | None) -> set[str]:
-        """What has to be there before these expressions can be worked out."""
+        """Return the tokens that must be available before these expressions can be evaluated."""
         found: set[str] = set()
         for expression in expressions:
             if expression is not None:
@@ -351,7 +361,7 @@ class EncodeWriter(FunctionWriter):
 
     @contextmanager
     def names_of(self, segments: Iterable[Segment]) -> Iterator[None]:
-        """While the segments of a record are written, their names mean them."""
+        """Resolve names to the segments of a record while its segments are written."""
         segments = tuple(segments)
         outside = self.targets, self.meant
         self.targets = self.targets | by_path(segments)
@@ -360,24 +370,26 @@ class EncodeWriter(FunctionWriter):
         self.targets, self.meant = outside
 
     def size_by_length(self, segment: Segment) -> Expression | None:
-        """The size of a segment that is nothing but a length that counts it: then it is as long as what is given."""
+        """Return the size of a segment that is exactly a length counting it, so that it follows the given value; else
+        None.
+        """
         return segment.size_expression if size_follows_value(segment, self.by_path) else None
 
     def fills_up(self, item: Data | Field) -> bool:
-        """Whether a value that is too short is filled up to a size that others tell."""
+        """Return whether a short value is padded to a size that other values state."""
         if isinstance(item, Data):
             return item.pad is not None and item.size != "rest" and self.size_by_length(item) is None
         is_filled = item.type.pad is not None or item.type.end is not None
         return is_filled and isinstance(item.type.size, Expression) and self.size_by_length(item) is None
 
     def bounded(self, size: Expression, scope: Scope) -> str:
-        """Text of a size that is computed: what is filled up to it has a bound."""
+        """Return the source of a computed size with an upper bound, so that padding is bounded."""
         return f"{self.module.function('room')}({self.text(size, scope)})"
 
     # ---- room ---------------------------------------------------------------------------------------------
 
     def room(self, paths: Iterable[str], scope: Scope, *, plain: bool = False) -> str:
-        """Text of the bytes these segments take on the wire; `plain`: before conversion."""
+        """Return the source of the encoded size of these segments in bytes; `plain`: the size before conversion."""
         fixed, parts = 0, []
         for path in paths:
             target = self.targets.get(path)
@@ -404,11 +416,11 @@ class EncodeWriter(FunctionWriter):
         return " + ".join([*([str(fixed)] if fixed or not parts else []), *parts])
 
     def is_other(self, local: str, type_: str) -> str:
-        """Text that tells whether a value is of another type, or of one derived from it."""
+        """Return the source of the condition that a value is not exactly of a type."""
         return f"type({local}) is not {type_}"
 
     def local_of(self, segment: Segment, scope: Scope) -> str:
-        """The local of a segment's value, empty if it has none."""
+        """Return the local of a segment's value, empty if it has none."""
         entry = scope.find(segment.name or "")
         return "" if entry is None else entry.text
 
@@ -419,13 +431,13 @@ class EncodeWriter(FunctionWriter):
         if segment.path in self.rooms:
             return self.rooms[segment.path]
         text = kind_of(segment).room(self, segment, scope, plain)
-        if text is None:  # a length counts what is put together only when that length is known
+        if text is None:  # a length counts bytes that can only be assembled after the length is known
             self.add(f"raise EncodeError({quoted(segment.name or '')}, {quoted(CIRCLE)})")
             text = "0"
         return self.if_present(segment, scope, text, "0")
 
     def room_tokens(self, path: str) -> set[str]:
-        """What has to be there before the size of a segment on the wire can be told."""
+        """Return the tokens that must be available before the encoded size of a segment can be computed."""
         target = self.targets.get(path)
         if target is None:
             return set()
@@ -439,25 +451,25 @@ class EncodeWriter(FunctionWriter):
         return waits if waits == {f"bytes of {path}"} else found | waits
 
     def count_of(self, local: str) -> str:
-        """Text of the number of values in a list."""
+        """Return the source of the number of values in a list."""
         return self.counts.get(local, f"len({local})")
 
     def local(self, name: str, given: Given) -> str:
-        """The local that a value is to be in."""
+        """Return a new local for a value."""
         return self.names.fresh(name)
 
     def bind(self, local: str, text: str) -> None:
-        """Brings a value into its local."""
+        """Assign a value to its local."""
         self.add(f"{local} = {text}")
 
     def or_nothing(self, name: str, text: str, when: Expression | None, scope: Scope) -> str:
-        """Text of a value for the expressions that read it: what is absent is nothing."""
+        """Return the source of a value for expressions: None if the segment is absent."""
         if when is None or name not in self.read_names | self.fields_read:
             return text
         return f"({text} if {self.text(when, scope, OR)} else None)"
 
     def if_there(self, text: str, when: Expression | None, scope: Scope, otherwise: str = "None") -> str:
-        """Text of what is worked out only for a segment that is there."""
+        """Return source that is evaluated only if the segment is present."""
         return text if when is None else f"({text}) if {self.text(when, scope, OR)} else {otherwise}"
 
     def computed(
@@ -471,13 +483,13 @@ class EncodeWriter(FunctionWriter):
         return text
 
     def wanted(self, name: str, given: Given) -> str:
-        """Text of a value that is wanted here; in a record it says itself whose value is missing."""
+        """Return the source of a required value; in a record the source reports a missing value with its full path."""
         if not given.path:
             return given.value(name)
         return f"{self.module.function('needed')}({given.text}, {quoted(name)}, {text_source(*given.path)})"
 
     def with_missing(self, scope: Scope, given: Given, missing: set[str]) -> Scope:
-        """A scope in which names that are not worked out yet are those given."""
+        """Return a scope in which names that are not computed yet refer to the given values."""
         inner = Scope(scope)
         inner.entries = {name: NameEntry(self.wanted(name, given)) for name in sorted(missing)}
         return inner
@@ -489,7 +501,7 @@ class EncodeWriter(FunctionWriter):
             self.refuse(item, scope, f"{local} < {limits.least}")
 
     def refuse_digits(self, item: Field | Length | Count, scope: Scope, text: str) -> None:
-        """A number that is worked out must fit into its hex digits: to format it says nothing of that."""
+        """Write the check that a computed number fits its hex digits, since formatting it does not check this."""
         if forms.hex_places(item.type) is None or text.isdigit():
             return
         limits = forms.value_range(item)
@@ -499,15 +511,15 @@ class EncodeWriter(FunctionWriter):
             self.refuse(item, scope, f"{text} > {limits.most}")
 
     def refuse(self, item: Segment, scope: Scope, condition: str) -> None:
-        """As `refuse_if`, where the segment is there."""
+        """Refuse the values like `refuse_if`, but only if the segment is present."""
         self.refuse_where(item.when, scope, condition)
 
     def refuse_where(self, when: Expression | None, scope: Scope, condition: str) -> None:
-        """As `refuse_if`, where a segment with that `when` is there."""
+        """Refuse the values like `refuse_if`, but only if the condition `when` of the segment holds."""
         self.refuse_if(condition if when is None else f"({self.text(when, scope, AND)} and {condition})")
 
     def complain_where(self, when: Expression | None, scope: Scope, condition: str, field: str, message: str) -> None:
-        """As `complain`, where a segment with that `when` is there."""
+        """Refuse the values like `complain`, but only if the condition `when` of the segment holds."""
         there = "" if when is None else f"{self.text(when, scope, AND)} and "
         self.complain(f"{there}{condition}", field, message)
 
@@ -521,24 +533,23 @@ class EncodeWriter(FunctionWriter):
     # ---- data ---------------------------------------------------------------------------------------------
 
     def is_measured(self, name: str) -> bool:
-        """Whether something may depend on the length of data, beside their own size."""
+        """Return whether other values depend on the length of data."""
         return bool(self.asked_for) or name in self.read_names
 
     def no_bytes(self, local: str) -> None:
-        """Of what holds bytes otherwise bytes are made: its length may count something larger."""
+        """Write the conversion of other bytes-like values to bytes, as their length may count larger elements."""
         with self.out.block(f"if {self.is_other(local, 'bytes')} and {self.is_other(local, 'bytearray')}:"):
             self.add(f'{local} = b"" + {local}')
 
     def sized_as_told(self, item: Field | Data, name: str, told: Expression, scope: Scope, given: Given) -> None:
-        """A value must be as long as others say; one that is filled up may be shorter."""
+        """Write the check that a value has the size that other values state; a padded value may be shorter."""
         local, size = scope.entries[name].text, self.text(told, scope)
         is_text = isinstance(item, Field) and self.fills_up(item)
         found = f"max(len({local}), {size})" if is_text else f"len({local})"
         self.compare_size((*given.path, name), found, size, self.is_known(item.when, told, scope))
 
     def is_known(self, when: Expression | None, told: Expression, scope: Scope) -> list[str]:
-        """Texts of the conditions that a segment with that `when` is there, and that what its size goes by has been
-        announced."""
+        """Return the conditions that a segment is present, and that the announced state in its size is known."""
         found = [] if when is None else [self.text(when, scope, AND)]
         for other in sorted(self.waits(told)):
             state = self.module.protocol.state.get(other)
@@ -547,7 +558,7 @@ class EncodeWriter(FunctionWriter):
         return found
 
     def values(self, segments: Iterable[Segment], scope: Scope, given: Given) -> None:
-        """All values of a list of segments, also those in its wraps."""
+        """Write all values of a list of segments, including those in its wraps."""
         segments = tuple(segments)
         if given.in_cases is None and any(segment.has_cases for segment in flat(segments)):
             given.in_cases = self.names.fresh("computed_in_cases"), self.names.fresh("elsewhere")
@@ -562,13 +573,14 @@ class EncodeWriter(FunctionWriter):
             run_in_order(tasks)
 
     def tasks_of(self, segment: Segment, scope: Scope, given: Given, tasks: list[Task]) -> None:
+        """Add the tasks of a segment to `tasks`, and its names to `given`."""
         given.names.extend(segment.value_names)
         if segment.when is not None and segment.condition is None:
             given.conditional.append((segment, scope))
         tasks.extend(kind_of(segment).tasks(self, segment, scope, given))
 
     def check_names(self, given: Given) -> None:
-        """What is given beyond what is needed must be known, or as computed."""
+        """Write the check that values beyond the required ones are known, or equal the computed values."""
         check = self.module.function("check_given")
         computed = "{" + ", ".join(f"{quoted(name)}: {text}" for name, text in given.computed.items()) + "}"
         options = f", {text_source(*given.path)}" if given.path else ""
@@ -581,32 +593,32 @@ class EncodeWriter(FunctionWriter):
         more = self.more_than_needed(given)
         if given.needed and given.computed and not absent and given.in_cases is None and not given.path:
             constants = {name: text for name, text in given.computed.items() if text.isdecimal()}
-            if constants:  # those may be given too
+            if constants:  # constants may be given too
                 same = " and ".join(f"{given.text}.get({quoted(name)}) == {text}" for name, text in constants.items())
                 more += f" and not (len({given.text}) == {given.needed + len(constants)} and {same})"
         with self.out.block(f"if {more}:"):
             self.add(f"{check}({given.text}, {given.rules}, {computed}{options})")
 
     def more_than_needed(self, given: Given) -> str:
-        """Text that tells whether there are values beyond those that may be given."""
+        """Return the source of the condition that values are given beyond those that may be given without a check."""
         conditional = {name for _, names in self.conditions_of(given) for name in names}
         free = set(given.names) - set(given.computed) - conditional
         beyond = ""
-        if given.in_cases is None and len(free) > given.needed:  # to ask for them takes half the time of the call
+        if given.in_cases is None and len(free) > given.needed:  # this test takes half the time of the call
             beyond = f" and not {self.module.among(free, self.title)}({given.text})"
-        if not given.needed:  # no value was read of it, so it may be no mapping
+        if not given.needed:  # no value was read from it, so it may not be a mapping
             return f"{given.text} != {{}}{beyond}"
         return f"len({given.text}) != {given.needed}{beyond}"
 
     def conditions_of(self, given: Given) -> list[tuple[str, tuple[str, ...]]]:
-        """Under what (a text) values are part of the frame, with their names."""
+        """Return the conditions (source) of conditional values, each with the names of the values."""
         found: dict[str, list[str]] = {}
         for segment, scope in given.conditional:
             assert segment.when is not None
             text = self.text(segment.when, scope, OR)
             for name in segment.value_names:
                 found.setdefault(name, []).append(text)
-            if isinstance(segment, Field) and segment.default is not None:  # a reader gives the default then
+            if isinstance(segment, Field) and segment.default is not None:  # a reader returns the default in this case
                 default = default_text(self.text(segment.default, scope, BIT_OR), segment)
                 found[segment.name].append(f"{scope.entries[segment.name].text} == {default}")
         together: dict[str, list[str]] = {}
@@ -615,7 +627,7 @@ class EncodeWriter(FunctionWriter):
         return [(text, tuple(names)) for text, names in together.items()]
 
     def refuse_absent(self, given: Given) -> None:
-        """In a case: what is given although the case leaves it out is refused as what belongs to another case."""
+        """In a case: record values whose condition is false, so that they are refused like values of another case."""
         for there, names in self.conditions_of(given):
             assert given.in_cases is not None
             with self.out.block(f"if not ({there}):"):
@@ -623,7 +635,7 @@ class EncodeWriter(FunctionWriter):
                 self.add(f"{given.in_cases[1]} += tuple(name for name in {literal(names)} {nothing})")
 
     def own_room(self, segment: Length | Count | Bits, scope: Scope) -> str:
-        """Text of the bytes of a number on the wire."""
+        """Return the source of the encoded size of a number in bytes."""
         size = segment.type.size
         text = self.text(size, scope, PRODUCT + 1) if isinstance(size, Expression) else str(size)
         return self.if_present(segment, scope, text, "0")
@@ -631,20 +643,21 @@ class EncodeWriter(FunctionWriter):
     # ---- lengths, counts, values, conditions --------------------------------------------------------------
 
     def size_waits(self, number: Length | Count) -> set[str]:
-        """What has to be there before it can be told whether a number is there, and how many bytes it takes."""
+        """Return the tokens that must be available before the presence and size of a number are known."""
         size = number.type.size
         return self.waits(number.when, size if isinstance(size, Expression) else None)
 
     def outer_names(self, segment: Segment) -> set[str]:
-        """What is read inside a segment but is not given there."""
+        """Return the tokens that a segment reads but does not provide itself."""
         follow = {id(size) for one in everything((segment,)) if (size := self.size_by_length(one)) is not None}
         if isinstance(segment, Repeat):
-            follow.add(id(segment.times))  # compared when the items are there; a length over them may give it
+            follow.add(id(segment.times))  # compared after the items are built; a length over them may provide it
         return self._read_in(segment, follow) - _given_in(one for block in segment.blocks for one in block)
 
     def _read_in(self, segment: Segment, follow: set[int]) -> set[str]:
-        """What a segment waits for with all in it, but for what its records give themselves; not for the expressions
-        of `follow`.
+        """Return the tokens that a segment and its content wait for, except those its records provide.
+
+        Expressions in `follow` are ignored.
         """
         own = expressions_of(segment.with_lists(lambda _: ()))
         found = self.waits(*(one for one in own if id(one) not in follow))
@@ -661,7 +674,7 @@ class EncodeWriter(FunctionWriter):
         return found
 
     def plain_given(self, segment: Segment, scope: Scope, given: Given) -> None:
-        """A local for a value that has to be given."""
+        """Write the assignment of a value that must be given to a local."""
         name = segment.value_names[0]
         local = self.local(name, given)
         if segment.when is None:
@@ -677,7 +690,7 @@ class EncodeWriter(FunctionWriter):
     # ---- runs ---------------------------------------------------------------------------------------------
 
     def length_of_run(self, placed: list[Placed]) -> int:
-        """How many of the segments can be put together at once."""
+        """Return how many of the segments can be packed at once."""
         order, first = "", placed[0][0]
         mark = self.coverage.of(leaf.path for leaf in leaves((first,)))
         for count, (segment, scope) in enumerate(placed):
@@ -695,7 +708,9 @@ class EncodeWriter(FunctionWriter):
         return len(placed)
 
     def numbers_of(self, segment: Segment) -> tuple[str, str] | None:
-        """The `struct` code of a list of numbers, and its order; a list ends a run. None for all other segments."""
+        """Return the `struct` code and byte order of a list of numbers, which ends a run; None for all other
+        segments.
+        """
         if not isinstance(segment, Repeat) or not isinstance(segment.of, FieldType) or segment.path in self.wires:
             return None
         if (segment.path, segment.at) in self.ends:
@@ -704,7 +719,7 @@ class EncodeWriter(FunctionWriter):
         return None if code is None or code == ("B", "") or code[0].endswith("s") else code
 
     def run(self, placed: list[Placed]) -> str:
-        """Text of the bytes of a run; it depends on the condition its segments stand under."""
+        """Return the source of the bytes of a run, made conditional on the common condition of its segments."""
         segment, scope = placed[0]
         if len(placed) == 1 and (struct_order(without_when(segment)) is None):
             return self._ended(segment, self.single(segment, scope))
@@ -715,7 +730,7 @@ class EncodeWriter(FunctionWriter):
             plan.add(kind_of(one).argument(self, one, inside, size))
         if numbers is None:
             text = plan.text()
-        else:  # one struct for both
+        else:  # one struct packs the run and the list
             (code, order), local = numbers, last[1].entries[last[0].name or ""].text
             before, texts = plan.finished()
             packs = self.packs(local, before, code, plan.order or order)
@@ -723,7 +738,7 @@ class EncodeWriter(FunctionWriter):
         return self.if_present(segment, scope, text, 'b""')
 
     def number_argument(self, segment: Number, scope: Scope, size: int) -> PackArgument:
-        """A number of fixed size, in a run."""
+        """Return the pack argument of a number of fixed size."""
         wire = self.wire(segment, scope)
         if forms.hex_places(segment.type) is not None:
             return PackArgument(f"{size}s", "", wire, (segment.type,))
@@ -733,11 +748,11 @@ class EncodeWriter(FunctionWriter):
         return PackArgument(code, order, wire)
 
     def packs(self, local: str, before: str, code: str, order: str) -> str:
-        """The module constant with what packs a list behind what is `before` it, by the number of its values."""
+        """Return the module constant with the packers of a list and the codes `before` it, by the number of values."""
         return self.module.list_structs(before, code, order, self.title, "values", packs=True)
 
     def wire(self, segment: Number, scope: Scope) -> str:
-        """Text of the number or text that is written."""
+        """Return the source of the number or text that is encoded."""
         if isinstance(segment, Bits):
             parts = []
             for part in segment.parts:
@@ -748,11 +763,11 @@ class EncodeWriter(FunctionWriter):
         return forms.wire_of(segment, self.local_of(segment, scope))
 
     def data_text(self, data: Data, scope: Scope) -> str:
-        """Text of the bytes of data on the wire."""
+        """Return the source of the encoded bytes of data."""
         return forms.wire_text(self.module, data, scope.entries[data.name].text)
 
     def placed(self, segments: Iterable[Segment], scope: Scope) -> list[Placed]:
-        """The segments with those of records; what takes no bytes is left out."""
+        """Return the segments with those of records inlined, without segments that take no bytes."""
         found: list[Placed] = []
         for segment in segments:
             if segment.is_record and segment.when is None:
@@ -772,11 +787,11 @@ class EncodeWriter(FunctionWriter):
         tail: tuple[Const, int | Segment] | None = None,
         is_whole: bool = False,
     ) -> str:
-        """Text of the bytes of a list of segments.
+        """Return the source of the bytes of a list of segments.
 
-        Checks are worked out on what is in the local `buffer` by then, and on what stands `before` it (a text). `tail`:
-        the constant whose first byte must not stand before it, from so many bytes or a segment on. `is_whole`: nothing
-        stands around them, so that what follows a text shows whether it ends there.
+        Checks are computed over the bytes in the local `buffer` so far, preceded by the bytes `before` (source).
+        `tail`: the constant whose first byte must not occur before it, from an offset or a segment on. `is_whole`: no
+        other bytes surround the segments, so that the byte after a text shows whether the text ends there.
         """
         placed = self.placed(segments, scope)
         texts: list[str] = []
@@ -827,7 +842,7 @@ class EncodeWriter(FunctionWriter):
         return sum_of(texts)
 
     def _may_go_on(self, segment: Segment, behind: list[Placed]) -> bool:
-        """Whether what stands behind a text need not begin with one of the bytes before which that ends."""
+        """Return whether the bytes after a text may begin with a byte that does not end the text."""
         type_ = segment.number_type
         if type_ is None or not type_.stops or type_.has_long_stops:
             return False
@@ -836,8 +851,8 @@ class EncodeWriter(FunctionWriter):
         return first is not None and not is_end
 
     def _follows(self, ended: list[_Ended], texts: list[str], is_surely_there: bool) -> None:
-        """The last bytes come behind texts whose ends are not certain; `is_surely_there`: there is one at least."""
-        if texts[-1].startswith("<") or len(texts) < 2:  # a code that is put there later, or what fills a frame up
+        """Add the last bytes to texts whose end is uncertain; `is_surely_there`: they contain at least one byte."""
+        if texts[-1].startswith("<") or len(texts) < 2:  # a check code that is inserted later, or fill bytes
             ended.clear()
             return
         if not texts[-1].startswith('b"'):
@@ -850,7 +865,9 @@ class EncodeWriter(FunctionWriter):
             self._refuse_open(ended)
 
     def _refuse_open(self, ended: list[_Ended]) -> None:
-        """Refuses texts behind which none of the bytes stands before which they end: they would be read as longer."""
+        """Write the refusal of texts that are not followed by one of their end bytes, as they would be read as
+        longer.
+        """
         for segment, scope, behind in ended:
             assert segment.number_type is not None
             stops = segment.number_type.stops
@@ -861,7 +878,7 @@ class EncodeWriter(FunctionWriter):
         ended.clear()
 
     def _settle(self, waiting: list[Waiting], texts: list[str], by: Check) -> None:
-        """Works out the codes that had to wait for what comes later, which `by` covers: all of that is there by now."""
+        """Write the postponed codes that check `by` covers, as all of their bytes are known now."""
         covered = self.coverage.paths(by)
         known = {path for part in self.parts for path in part.paths}
         for one in list(waiting):
@@ -872,21 +889,21 @@ class EncodeWriter(FunctionWriter):
                 self._work_out(one, waiting, texts)
 
     def _work_out(self, one: Waiting, waiting: list[Waiting], texts: list[str]) -> None:
-        """Puts the code of a check that had to wait into its place."""
+        """Insert the code of a postponed check in its place."""
         mark, check, scope = one
         waiting.remove(one)
         self.postponed.discard(check.path)
         texts[texts.index(mark)] = self._kept([(check, scope)], self._check(check, scope, []))
 
     def _keep_apart(self, buffer: str, tail: Const, start: str) -> None:
-        """A delimited body must not hold what ends it."""
+        """Write the check that a delimited body does not contain its end."""
         mark = bytes_literal(tail.data[:1])
         body = buffer if start == "0" else f"{buffer}[{start}:]"
         message = f"the body holds {tail.data[0]:02X}, which ends it"
         self.complain(f"{mark} in {body}", '""', quoted(message))
 
     def _late(self, segment: Segment, before: list[str]) -> str:
-        """The bytes of a choice with check codes in it: they are put together when what stands before is known."""
+        """Write the bytes of a choice that contains check codes, after the bytes before it are known."""
         wire = self.names.fresh("case_bytes")
         self.add(f'{wire} = b""')
         plain = self.preset_plain(segment)
@@ -898,14 +915,17 @@ class EncodeWriter(FunctionWriter):
 
     @contextmanager
     def apart(self) -> Iterator[None]:
-        """What is kept of bytes inside a case, a record that may be absent or an item is not there outside it."""
+        """Drop the kept bytes of a case, conditional record or item afterwards, as they do not exist outside of it."""
         before = len(self.parts)
         yield
         del self.parts[before:]
 
     def preset_plain(self, segment: Segment) -> str | None:
-        """A local for what checks see of a segment that may be absent, where wraps in it make that something else
-        than its bytes; None where it is not."""
+        """Return a local for the covered bytes of a segment that may be absent, if wraps in it make them differ from
+        its bytes.
+
+        None otherwise.
+        """
         paths = [leaf.path for leaf in leaves((segment,))]
         if not self.coverage.of(paths) or not any(one.is_there_inside for one in on_the_wire((segment,))):
             return None
@@ -914,12 +934,12 @@ class EncodeWriter(FunctionWriter):
         return plain
 
     def add_plain(self, plain: str | None, segments: tuple[Segment, ...]) -> None:
-        """Where the segments are there: what checks see of them."""
+        """Write the assignment of the covered bytes in the branch where the segments are present."""
         if plain is not None:
             self.add(f"{plain} = {sum_of(self._parts_of([leaf.path for leaf in leaves(segments)], False))}")
 
     def gather(self, texts: list[str], buffer: str) -> str:
-        """Puts everything so far into the buffer's local."""
+        """Write the assignment of all bytes so far to the buffer's local."""
         text = sum_of(texts)
         if text != buffer:
             first = buffer not in self.begun
@@ -931,7 +951,7 @@ class EncodeWriter(FunctionWriter):
         return buffer
 
     def _filled(self, fill: Fill, behind: list[Placed], texts: list[str], buffer: str) -> str:
-        """Everything so far, filled up so that the frame gets its size."""
+        """Write the padding of all bytes so far, so that the frame reaches its fixed size."""
         self.gather(texts, buffer)
         fixed, parts = self.sizes_of(behind, OR)
         room = " - ".join([str(fill.total - fixed), *parts])
@@ -951,7 +971,7 @@ class EncodeWriter(FunctionWriter):
     # ---- what checks cover --------------------------------------------------------------------------------
 
     def _kept(self, placed: list[Placed], text: str) -> str:
-        """The text of a run; in a local, if a check asks for these bytes."""
+        """Return the source of a run, assigned to a local if a check covers its bytes."""
         segments = tuple(segment for segment, _ in placed)
         standing = tuple(on_the_wire(segments))
         if self.coverage.of(one.path for one in standing) and not text.isidentifier() and not is_literal(text):
@@ -963,7 +983,7 @@ class EncodeWriter(FunctionWriter):
         return text
 
     def _keep(self, segments: tuple[Segment, ...], text: str) -> None:
-        """Notes that `text` is the bytes of these segments; what is in a wrap by itself is noted where it is built."""
+        """Record that `text` is the source of these segments' bytes; wraps record their content themselves."""
         plain = tuple(leaf.path for leaf in leaves(segments))
         on_wire = tuple(one.path for one in on_the_wire(segments))
         if plain == on_wire:
@@ -1002,7 +1022,9 @@ class EncodeWriter(FunctionWriter):
         return texts
 
     def _ended(self, segment: Segment, text: str) -> str:
-        """The text of a part that a constant ends; it must not hold that constant itself."""
+        """Return the source of a part that a constant ends, after a check that the part does not contain the
+        constant.
+        """
         constant = self.ends.get((segment.path, segment.at))
         if constant is None:
             return text
@@ -1020,7 +1042,7 @@ class EncodeWriter(FunctionWriter):
     # ---- single segments ----------------------------------------------------------------------------------
 
     def single(self, segment: Segment, scope: Scope) -> str:
-        """Text of the bytes of a segment that is in no run."""
+        """Return the source of the bytes of a segment outside of a run."""
         known = self.wires.get(segment.path)
         if known is not None:
             return known
@@ -1031,11 +1053,13 @@ class EncodeWriter(FunctionWriter):
         return self.if_present(segment, scope, kind.bytes_text(self, without_when(segment), scope), 'b""')
 
     def limit(self, text: str, most: int) -> None:
+        """Write the check that the frame has at most `most` bytes."""
         self.gather([text], self.buffer)
         message = text_source("the frame takes ", Code(f"len({self.buffer})"), f" bytes, more than {most}")
         self.complain(f"len({self.buffer}) > {most}", '""', message)
 
     def put_into_local(self, segment: Segment, scope: Scope) -> None:
+        """Write the bytes of a segment into a local, for lengths that count them."""
         inside = {leaf.path for leaf in leaves(flat((segment,)))}
         for check in parts_of(segment, Check):
             if check.path not in self.coverage.whole and not inside.issuperset(self.coverage.paths(check) or ()):
@@ -1061,7 +1085,7 @@ class EncodeWriter(FunctionWriter):
         return [Task((*names, *counted), outer, lambda _: self.branches(segment, scope, given))]
 
     def branches(self, segment: Segment, scope: Scope, given: Given) -> None:
-        """A choice, or what is there when its values are given."""
+        """Write the branches of a choice, or of an `optional`."""
         path = segment.path
         wire = self.names.fresh("case_bytes" if segment.chooses_by is not None else "optional_bytes")
         self.flush()
@@ -1070,7 +1094,7 @@ class EncodeWriter(FunctionWriter):
         room = None
         if has_checks:
             self.late[path] = []
-            if path in self.asked_for:  # before its bytes are put together
+            if path in self.asked_for:  # the size is needed before its bytes are assembled
                 room = self.rooms[path] = self.names.fresh(f"{(segment.name or '').strip('_')}_room")
                 self.add(f"{room} = 0")
         else:
@@ -1111,7 +1135,7 @@ class EncodeWriter(FunctionWriter):
             self.wires[path] = wire
 
     def _names_for_others(self, segment: Segment, scope: Scope) -> dict[str, str]:
-        """Locals for names that expressions outside the branch may read."""
+        """Return locals for the names of a branch that expressions outside of it may read, preset to None."""
         found: dict[str, str] = {}
         for one in flat((segment,)):
             for name in one.value_names:
@@ -1122,7 +1146,7 @@ class EncodeWriter(FunctionWriter):
         return found
 
     def _rooms_for_others(self, segment: Segment) -> dict[str, str]:
-        """Locals for the room that what lengths outside the branch count takes in it."""
+        """Return locals for the sizes of a branch's segments that lengths outside of it count, preset to 0."""
         counted = (one for one in flat((segment,)) if one is not segment and one.path in self.asked_for)
         names = {one.path: one.name for one in counted}
         found = {path: self.names.fresh(f"{name}_room") for path, name in names.items()}
@@ -1138,7 +1162,7 @@ class EncodeWriter(FunctionWriter):
         outside: dict[str, str],
         rooms: dict[str, str],
     ) -> Scope:
-        """The values of a case, in a scope of their own."""
+        """Write the values of a case; return its scope."""
         inner = Given(given.text, given.rules, given.path, in_cases=given.in_cases)
         inside = Scope(scope)
         self.values(segments, inside, inner)
@@ -1163,7 +1187,7 @@ class EncodeWriter(FunctionWriter):
         return inside
 
     def _record_text(self, entry: NameEntry) -> str:
-        """Text of a record's values as far as expressions read them, with what is computed and what has a default."""
+        """Return the source of the values of a record that expressions read, including computed values and defaults."""
         if not entry.direct or entry.inside is None:
             return entry.text
         known = {name: one for name, one in entry.inside.entries.items() if name in self.fields_read}

@@ -1,9 +1,9 @@
-"""What an encoder knows before it is written: the order of its values, the bytes its checks need, its rules and packs.
+"""Plan an encoder: the order of its values, the bytes that checks cover, its rules and its structs.
 
-Each value comes after those it depends on; fields may refer to later ones. Where values refer to each other in a
-circle, one that may be given is taken from what was given. A check that covers everything before it in its buffer needs
-nothing kept; for any other, the segments it covers are put together apart from their neighbours. The rules say what
-each value must be; refusals are explained with them. A pack plan says what one struct packs.
+Each value comes after its dependencies; fields may refer to later fields. If values depend on each other in a circle, a
+value that may be given is taken from the given values. A check that covers everything before it in its buffer needs no
+kept bytes; for any other check, the covered segments are assembled separately. Rules describe the allowed values and
+explain refusals. A pack plan lists the arguments of one struct.
 """
 
 from __future__ import annotations
@@ -22,28 +22,32 @@ from framekit.definition.model.frames import flat
 from framekit.definition.model.segments import Check, Count, FieldType, Length, Segment
 
 Lengths = Mapping[str, forms.Range]
+"""Limits of the sizes of values, by name."""
 Rules = Iterable[tuple[str, str]]
-"""Names of values, each with the text of its rule."""
+"""Names of values, each with the source of its rule."""
 
 
 @dataclass(slots=True)
 class Task:
-    """One thing to write: the names it gives, those it waits for, and how it is written.
-
-    `write(missing)` gets the names that are not there yet because of a circle; they are read from the given values. In
-    a circle a task with `may_be_given` is taken first, one with `prefer` before all.
-    """
+    """A piece of source to write, with the names it provides and the names it waits for."""
 
     gives: tuple[str, ...]
+    """The names that the task provides."""
     waits_for: set[str]
+    """The names that must be available first."""
     write: Callable[[set[str]], None]
+    """Writes the source. Its argument is the set of names that a circle leaves missing; they are read from the given
+    values.
+    """
     may_be_given: bool = False
+    """Whether the value may be given, so that the task can break a circle."""
     prefer: bool = False
+    """Whether the task breaks a circle before all others."""
     done: bool = field(default=False, init=False)
 
 
 def run_in_order(tasks: list[Task]) -> None:
-    """Writes every task after those it waits for, as far as possible in the order given."""
+    """Run every task after its dependencies, in the given order as far as possible."""
     givers = {name: task for task in tasks for name in task.gives}
     while pending := [task for task in tasks if not task.done]:
         ready = next((task for task in pending if not _open(task, givers)), None)
@@ -55,33 +59,32 @@ def run_in_order(tasks: list[Task]) -> None:
 
 
 def _open(task: Task, givers: dict[str, Task]) -> set[str]:
-    """The names a task still waits for."""
+    """Return the names that a task still waits for."""
     return {name for name in task.waits_for if name in givers and not givers[name].done and givers[name] is not task}
 
 
 class Coverage:
-    """`of(paths)`: a mark for segments; neighbours with the same mark may be put together.
-
-    `whole`: the checks that cover all that stands before them. Segments and checks are known by their paths.
-    """
+    """Determine which segments each check covers. Segments and checks are identified by path."""
 
     def __init__(self, segments: tuple[Segment, ...]) -> None:
         self.segments = segments
         self.whole: set[str] = set()
+        """The checks that cover all bytes before them."""
         self._marks: dict[str, frozenset[str]] = {}
         for buffer, begins in buffers(segments):
             for check in checks_in(buffer):
                 self._add(check, buffer, begins)
 
     def of(self, paths: Iterable[str]) -> frozenset[str]:
+        """Return the mark of segments; neighbours with equal marks may be packed together."""
         return frozenset(mark for path in paths for mark in self._marks.get(path, ()))
 
     def paths(self, check: Check) -> list[str] | None:
-        """The leaves a check covers, in the order it covers them; None: everything before it."""
+        """Return the leaves that a check covers, in order of coverage; None for everything before it."""
         return None if check.covers is None else covered_paths(check, self.segments)
 
     def parts(self, check: Check) -> list[list[str] | Added]:
-        """What its `over` says that a check covers: runs of segments, and what is not on the wire between them."""
+        """Return the operands of a check's `over`: runs of segments, and added bytes that are not transmitted."""
         return covered_parts(check, self.segments)
 
     def _add(self, check: Check, buffer: tuple[Segment, ...], begins: bool) -> None:
@@ -104,17 +107,17 @@ class Coverage:
 
 
 def buffers(segments: tuple[Segment, ...], begins: bool = True) -> Iterator[tuple[tuple[Segment, ...], bool]]:
-    """Every list of segments whose bytes are put together on their own; whether nothing stands before it."""
+    """Yield every list of segments that is assembled separately, and whether it begins its buffer."""
     yield segments, begins
     for segment in segments:
         for block in segment.blocks:
             yield from buffers(block, segment.is_there_inside)
-        if segment.inner_record is not None:  # what a record holds stands in the buffer around it
+        if segment.inner_record is not None:  # the content of a record belongs to the buffer around it
             yield from list(buffers(segment.inner_record))[1 if segment.is_record else 0 :]
 
 
 def checks_in(segments: Iterable[Segment]) -> Iterator[Check]:
-    """The checks that stand in a buffer itself."""
+    """Yield the checks that belong to a buffer itself."""
     for segment in segments:
         if isinstance(segment, Check):
             yield segment
@@ -123,7 +126,7 @@ def checks_in(segments: Iterable[Segment]) -> Iterator[Check]:
 
 
 class RuleWriter:
-    """Writes the rules of the values of a list of segments."""
+    """Write the rules of the values of a list of segments."""
 
     def __init__(self, module: Module, title: str) -> None:
         self.module = module
@@ -131,7 +134,7 @@ class RuleWriter:
         module.function("Rule")
 
     def mapping(self, segments: tuple[Segment, ...]) -> str:
-        """The mapping name → rule, as text."""
+        """Return the source of the mapping name → rule."""
         blocks = (block for segment in flat(segments) if segment.has_cases for block in segment.blocks)
         branches = {id(one) for block in blocks for one in flat(block)}
         lengths = _lengths(segments)
@@ -153,6 +156,7 @@ class RuleWriter:
         unit: int = 1,
         fits: str = "",
     ) -> str:
+        """Return the source of a rule; arguments with their default are omitted."""
         parts = [quoted(kind)]
         if limits.least is not None or limits.most is not None:
             parts += [str(limits.least), str(limits.most)]
@@ -172,7 +176,7 @@ class RuleWriter:
 
 
 def _lengths(segments: tuple[Segment, ...]) -> dict[str, forms.Range]:
-    """How long a value may be because of the one length or count that stands for it alone."""
+    """Return limits of the sizes of values, from the length or count that counts only that value."""
     found: dict[str, forms.Range] = {}
     for segment in flat(segments):
         limits = forms.value_range(segment) if isinstance(segment, (Length, Count)) else forms.Range(None, None)
@@ -189,21 +193,22 @@ def _lengths(segments: tuple[Segment, ...]) -> dict[str, forms.Range]:
 
 _DIGITS = re.compile(r'b"(%0\d+[Xx])" % (\w+|\([^()]*\))')
 _MOST_PLUSES = 4
-"""More pieces than so many are joined."""
+"""Sums of more pieces than this use `join`."""
 
 
 @dataclass(slots=True)
 class PackArgument:
-    """One argument of a struct: code, byte order, text; `digits`: the numbers whose hex digits it is."""
+    """An argument of a struct: code, byte order and source."""
 
     code: str
     order: str
     text: str
     digits: tuple[FieldType, ...] = ()
+    """The types of the numbers whose hex digits the argument contains."""
 
 
 class PackPlan:
-    """The arguments of one struct; `title` names its constant in the module."""
+    """The arguments of a struct; `title` names its constant in the module."""
 
     def __init__(self, module: Module, title: str) -> None:
         self.module, self.title = module, title
@@ -211,11 +216,11 @@ class PackPlan:
 
     @property
     def order(self) -> str:
-        """The byte order of those that have one; empty if none has."""
+        """Return the byte order of the arguments, or an empty text if any order is right."""
         return next((argument.order for argument in self.arguments if argument.order), "")
 
     def add(self, new: PackArgument) -> None:
-        """Adds an argument; zeros, literals and hex digits are put together with those before."""
+        """Add an argument; adjacent zeros, literals and hex digits are merged."""
         last = self.arguments[-1] if self.arguments else None
         if last is not None and last.digits and new.digits:
             orders = {type_.order for type_ in (*last.digits, *new.digits) if type_.fixed_size != 2}
@@ -233,24 +238,26 @@ class PackPlan:
         self.arguments.append(new)
 
     def finished(self) -> tuple[str, list[str]]:
-        """The codes of all arguments as one, and the texts of those that have one."""
+        """Return the joined codes of all arguments, and the sources of those that have a source."""
         self.arguments = [self._with_digits(argument) for argument in self.arguments]
         codes = "".join(argument.code for argument in self.arguments)
         return codes, [argument.text for argument in self.arguments if argument.text]
 
     def text(self) -> str:
-        """Text of the bytes of all arguments."""
+        """Return the source of the bytes of all arguments."""
         codes, texts = self.finished()
         arguments = self.arguments
         if all(argument.code[-1] in "sx" for argument in arguments):
             texts = [argument.text or bytes_literal(bytes(int(argument.code[:-1] or 1))) for argument in arguments]
             return _formatted(merged(texts)) or 'b""'
         if codes == "B":
-            return f"{self.module.struct('B', '')}.pack({texts[0]})"  # half the time of bytes((…,))
+            return f"{self.module.struct('B', '')}.pack({texts[0]})"  # half the time of `bytes((…,))`
         return f"{self.module.struct(codes, self.order, self.title)}.pack({', '.join(texts)})"
 
     def _with_digits(self, argument: PackArgument) -> PackArgument:
-        """Hex digits of one number are formatted, those of several packed and converted at once."""
+        """Return the argument with its hex digits built: one number is formatted, several are packed and converted at
+        once.
+        """
         types = argument.digits
         if not types:
             return argument
@@ -274,7 +281,7 @@ class PackPlan:
 
 
 def sum_of(texts: list[str]) -> str:
-    """Text of all these bytes one behind the other."""
+    """Return the source of the concatenation of these bytes."""
     parts = merged([text for text in texts if text])
     if len(parts) > _MOST_PLUSES:
         return f'b"".join(({", ".join(parts)}))'
@@ -282,7 +289,9 @@ def sum_of(texts: list[str]) -> str:
 
 
 def _formatted(parts: list[str]) -> str:
-    """Text of all these bytes; where several are numbers in digits, formatted at once in half the time of a sum."""
+    """Return the source of a concatenation; several numbers in digits are formatted at once, in half the time of a
+    sum.
+    """
     numbers = [_DIGITS.fullmatch(part) for part in parts]
     if sum(number is not None for number in numbers) < 2:
         return " + ".join(parts)
@@ -300,7 +309,7 @@ def _formatted(parts: list[str]) -> str:
 
 
 def merged(texts: list[str]) -> list[str]:
-    """Neighbouring literals put together, empty ones left out."""
+    """Return the sources with adjacent literals joined and empty literals removed."""
     found: list[str] = []
     for text in texts:
         if text == 'b""':
@@ -313,5 +322,5 @@ def merged(texts: list[str]) -> list[str]:
 
 
 def is_literal(text: str) -> bool:
-    """Whether a text is a literal of bytes and nothing else, not one that goes on with `%`."""
+    """Return whether a source is a plain bytes literal, without a following `%`."""
     return text.startswith('b"') and text.endswith('"') and text.count('"') == 2

@@ -1,7 +1,7 @@
-"""Expressions of a definition as Python text: what their names mean where they stand.
+"""Write expressions of a definition as Python source, with their names resolved.
 
-A `Scope` knows the fields around an expression; tables become module constants, everything else is asked of the
-context. The meaning of operators and functions is `expression.emit`'s, shared with the engines.
+A `Scope` holds the fields around an expression; tables become module constants; all other names are read from the
+context. `expression.emit` defines the operators and functions, for engines too.
 """
 
 from __future__ import annotations
@@ -50,41 +50,47 @@ _OPPOSITE = {
 
 @dataclass(slots=True)
 class NameEntry:
-    """What a name stands for: its text, its shape, the names inside it, and the text of its size on the wire.
-
-    `sized`: Python's `len` of it is the language's. `is_read`: it has its value, not just a place for it.
-    `direct`: the names inside a record are locals of their own; `record` is then what puts the record together.
-    `path`: of the segment, where the careful reading knows its size.
-    """
+    """The meaning of a name."""
 
     text: str
+    """The source of its value."""
     kind: Kind = "value"
     inside: Scope | None = None
+    """The names inside a record, or inside the items of a list."""
     wire: str | None = None
+    """The source of its size on the wire in bytes."""
     sized: bool = True
+    """Whether the language's `len` of it is Python's `len`."""
     is_read: bool = True
+    """Whether it already has its value."""
     may_be_absent: bool = False
+    """Whether its value may be None."""
     direct: bool = False
+    """Whether the names inside a record are locals."""
     record: Any = None
+    """The object that assembles a record whose names are locals."""
     path: str = ""
+    """The path of the segment, if the careful reading records its size."""
 
 
 class Scope:
-    """Fields by name, innermost first. `declared`: names of its fields, also of those not read yet."""
+    """Fields by name, searched from the innermost scope outwards."""
 
     def __init__(self, parent: Scope | None = None, declared: Iterable[Segment] = ()) -> None:
         self.parent = parent
         self.declared = {name for segment in flat(declared) for name in segment.value_names}
+        """Names of the fields of this scope, also of fields that are not read yet."""
         self.entries: dict[str, NameEntry] = {}
 
     def close(self) -> None:
-        """From outside, what is in records is only to be had through their values."""
+        """Make the names inside records accessible only through the value of the record."""
         for entry in self.entries.values():
             entry.direct = False
             if entry.inside is not None and entry.kind == "record":
                 entry.inside.close()
 
     def find(self, name: str) -> NameEntry | None:
+        """Return the entry of a name from the innermost scope that declares it, or None."""
         scope: Scope | None = self
         while scope is not None:
             if name in scope.entries:
@@ -94,7 +100,7 @@ class Scope:
 
 
 def entry_of(node: Node, scope: Scope) -> NameEntry | None:
-    """What a node stands for, when it is a field, a part of one, or an item of a list."""
+    """Return the entry of a node that is a field, a part of a field, or an item of a list; else None."""
     if isinstance(node, Name):
         return scope.find(node.name)
     if isinstance(node, Attribute):
@@ -107,7 +113,10 @@ def entry_of(node: Node, scope: Scope) -> NameEntry | None:
 
 
 def entries_read(node: Node, scope: Scope, fields: Iterable[str]) -> Iterator[NameEntry | None]:
-    """The fields that an expression reads, of a record those of it; None for one that nothing is known of yet."""
+    """Yield the entries of the fields that an expression reads; None for a field that is not known yet.
+
+    For an attribute of a record only the attribute's entry is yielded.
+    """
     if isinstance(node, Name) and (node.name in fields or node.name == LAST):
         yield scope.find(node.name)
     outer = entry_of(node.value, scope) if isinstance(node, Attribute) else None
@@ -119,17 +128,17 @@ def entries_read(node: Node, scope: Scope, fields: Iterable[str]) -> Iterator[Na
 
 
 class Outside(Protocol):
-    """What an expression needs of the module and the function around it."""
+    """The module and function around an expression, as far as the expression needs them."""
 
     def table(self, name: str) -> str | None:
-        """The module constant of a table; None if there is no table of that name."""
+        """Return the module constant of a table, or None if no table has that name."""
 
     def function(self, name: str) -> str:
-        """The name of a inlined function."""
+        """Return the name of an inlined function."""
 
 
 class ExpressionWriter:
-    """Writes expressions for one place. `context` gives the text of a name that no field and no table has."""
+    """Write expressions in a scope. `context` returns the source of a name that is neither a field nor a table."""
 
     def __init__(self, module: Outside, scope: Scope, context: Callable[[str], str]) -> None:
         self.module = module
@@ -137,11 +146,11 @@ class ExpressionWriter:
         self.context = context
 
     def text(self, expression: Expression, level: int = CONDITIONAL) -> str:
-        """Python text of the expression, in parentheses if it binds weaker than `level`."""
+        """Return the source of an expression, in parentheses if it binds weaker than `level`."""
         return emit(self._prepared(expression.root), self, level)
 
     def negated(self, expression: Expression) -> str:
-        """Text of `not expression`, with the opposite comparison where there is one; for an operand of `or`."""
+        """Return the source of `not expression` as an operand of `or`, with the opposite comparison if possible."""
         root = expression.root
         if isinstance(root, Unary) and root.operator == "not":
             return emit(self._prepared(root.operand), self, AND)
@@ -152,11 +161,13 @@ class ExpressionWriter:
         return f"not {self.text(expression, COMPARE)}"
 
     def value(self, expression: Expression) -> str:
-        """Text of the expression as a field's value: flags are numbers."""
+        """Return the source of an expression as a field's value: flags become numbers."""
         return f"int({self.text(expression)})" if is_flag(expression.root) else self.text(expression)
 
     def _prepared(self, node: Node) -> Node:
-        """`len(x)` of something that has no length of its own means its bytes on the wire."""
+        """Return the node with literals resolved, and with `len(x)` of a value without a length replaced by its encoded
+        size.
+        """
         if isinstance(node, Call) and node.function == "len" and isinstance(node.arguments[0], Name):
             entry = self.scope.find(node.arguments[0].name)
             if entry is not None and not entry.sized and entry.wire is not None:
@@ -200,7 +211,7 @@ class ExpressionWriter:
         text = emit(node.value, self, ATOM)
         if (
             entry is not None and entry.kind == "record" and not self._is_of_items(node.value)
-        ):  # what is not there is nothing
+        ):  # attributes of an absent record are None
             text = f"({text} or {{}})" if self._may_be_absent(node.value) else text
             return f"{text}.get({quoted(node.name)})"
         if entry is not None and entry.kind == "list":
@@ -210,7 +221,7 @@ class ExpressionWriter:
         return f"{self.module.function('attribute')}({text}, {quoted(node.name)})"
 
     def _is_of_items(self, node: Node) -> bool:
-        """Whether a node stands for what all items of a list have there."""
+        """Return whether a node refers to an attribute of all items of a list."""
         if not isinstance(node, Attribute):
             return False
         entry = entry_of(node.value, self.scope)
@@ -235,7 +246,7 @@ class ExpressionWriter:
 
 
 def is_flag(node: Node) -> bool:
-    """Whether an expression gives true or false."""
+    """Return whether an expression results in true or false."""
     match node:
         case Compare() | Unary(operator="not"):
             return True
@@ -251,14 +262,14 @@ def is_flag(node: Node) -> bool:
 
 
 def constant_of(expression: Expression | None) -> int | None:
-    """The number of an expression that is a plain number."""
+    """Return the number of an expression that is a plain number, else None."""
     if expression is None or not isinstance(expression.root, Number):
         return None
     return expression.root.value
 
 
 def may_fail(node: Node) -> bool:
-    """Whether working out an expression on values from the wire can raise an error."""
+    """Return whether evaluating an expression on values from the wire can raise an error."""
     for part in walk(node):
         match part:
             case Index() | Attribute() | LineTime():
@@ -284,7 +295,7 @@ def may_fail(node: Node) -> bool:
 
 
 def default_text(text: str, field: Field) -> str:
-    """A default given by a name of `values` is its number."""
+    """Return a default with a name from `values` replaced by its number."""
     if field.values is not None:
         for number, name in field.values.items():
             if text == literal(name):

@@ -1,6 +1,6 @@
-"""Facts about segments that hold for every frame of their kind: what a name means, constants a frame begins with.
+"""Derive facts about segments that hold for every frame: the segments of a path, constants at the start of a frame.
 
-It reads the model and writes nothing.
+This module reads the model and writes no source.
 """
 
 from __future__ import annotations
@@ -29,20 +29,21 @@ from framekit.definition.problems import Position
 
 
 def may_be_empty(static: StaticSizes, repeat: Repeat) -> bool:
-    """Whether an item may come out without bytes: a fault where only what is read tells how many there are."""
+    """Return whether an item may take no bytes, which is a fault if only the bytes determine the number of items."""
     return isinstance(repeat.of, tuple) and not isinstance(repeat.times, int) and static.all(repeat.of).least == 0
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """What has a path: one segment, or several if cases share it; `only`: the one that is there in every case."""
+    """The segments of a path: a single segment, or several if cases share the path."""
 
     segments: tuple[Segment, ...]
     only: Segment | None
+    """The segment that is present in every case, or None."""
 
 
 def targets_of(length: Length, segments: Iterable[Segment]) -> dict[str, Target]:
-    """What a length counts, by path."""
+    """Return the segments that a length counts, by path."""
     found: dict[str, Target] = {}
     for of in records_in(tuple(segments)):
         found |= {path: target for path, target in by_path(of).items() if path in length.counted}
@@ -50,13 +51,13 @@ def targets_of(length: Length, segments: Iterable[Segment]) -> dict[str, Target]
 
 
 def records_in(segments: Segments) -> Iterator[Segments]:
-    """The segments themselves, then those of every record and list in them."""
+    """Yield the segments themselves, then those of every record and list at any depth."""
     yield segments
     yield from (one.inner_record for one in everything(segments) if one.inner_record)
 
 
 def by_path(segments: Iterable[Segment]) -> dict[str, Target]:
-    """The segments of one record by their paths."""
+    """Return the segments of a record by their paths."""
     segments = tuple(segments)
     found: dict[str, list[Segment]] = {}
     for segment in flat(segments):
@@ -70,7 +71,7 @@ def by_path(segments: Iterable[Segment]) -> dict[str, Target]:
 
 
 def is_followed(length: Length, segments: tuple[Segment, ...]) -> bool:
-    """Whether the size of what a length counts is read from it, so that nothing can disagree."""
+    """Return whether the size of the counted segments is read from the length, so that no disagreement is possible."""
     found = [one for target in targets_of(length, segments).values() for one in target.segments]
     return bool(found) and all(
         follows_its_length(length, one) and comes_with(one.path, length, segments) for one in found
@@ -78,7 +79,7 @@ def is_followed(length: Length, segments: tuple[Segment, ...]) -> bool:
 
 
 def names_asked_for(segments: Iterable[Segment]) -> set[str]:
-    """Every name that something in these segments reads, also of a record or a list, or counts before conversion."""
+    """Return every name that these segments read, including records and lists, or count before conversion."""
     segments = tuple(segments)
     nodes = (node for expression in expressions_of(segments) for node in walk(expression.root))
     read = {node.name for node in nodes if isinstance(node, (Name, Attribute))}
@@ -88,14 +89,14 @@ def names_asked_for(segments: Iterable[Segment]) -> set[str]:
 
 
 def lengths_asked(segments: Iterable[Segment]) -> set[str]:
-    """The names whose length an expression in these segments asks for."""
+    """Return the names whose length an expression in these segments reads."""
     nodes = (node for expression in expressions_of(tuple(segments)) for node in walk(expression.root))
     calls = (node.arguments[0] for node in nodes if isinstance(node, Call) and node.function == "len")
     return {argument.name for argument in calls if isinstance(argument, Name)}
 
 
 def only_measured(segments: Iterable[Segment]) -> set[str]:
-    """The names of which expressions in these segments read nothing but the length."""
+    """Return the names of which expressions in these segments read only the length."""
     found, read = set[str](), set[str]()
     left: list[Node] = [expression.root for expression in expressions_of(tuple(segments))]
     while left:
@@ -110,7 +111,7 @@ def only_measured(segments: Iterable[Segment]) -> set[str]:
 
 
 def comes_with(path: str, number: Segment, segments: tuple[Segment, ...]) -> bool:
-    """Whether the segment of that path is there wherever a number of the same record is that counts it."""
+    """Return whether the segment of a path is present whenever the number that counts it is."""
     for of in records_in(segments):
         places = tuple(_conditions(of))
         own = [there for one, there in places if (one.path, one.at) == (number.path, number.at)]
@@ -123,7 +124,7 @@ def comes_with(path: str, number: Segment, segments: tuple[Segment, ...]) -> boo
 def _conditions(
     segments: Iterable[Segment], around: frozenset[object] = frozenset()
 ) -> Iterator[tuple[Segment, frozenset[object]]]:
-    """The segments of one record, each with all that it depends on whether it is there."""
+    """Yield the segments of a record, each with all conditions and cases on which its presence depends."""
     for segment in segments:
         there = around if segment.when is None else around | {str(segment.when)}
         yield segment, there
@@ -134,7 +135,7 @@ def _conditions(
 def ending_constants(
     static: StaticSizes, segments: Segments, after: Segments = (), in_item: bool = False
 ) -> Iterator[tuple[tuple[str, Position], bytes]]:
-    """By path and place: the constant that ends a part which takes the rest, where nothing else tells its end."""
+    """Yield path, position and constant for each part that takes the rest and has no end except that constant."""
     segments = tuple(in_place_of_records(segments))
     for place, segment in enumerate(segments):
         behind = (*segments[place + 1 :], *after)
@@ -153,19 +154,19 @@ def ending_constants(
 
 
 def _takes_rest(segment: Segment) -> bool:
-    """Whether a segment reaches as far as what follows it leaves room, whatever it holds."""
+    """Return whether a segment extends to the next segment, whatever its content."""
     if isinstance(segment, Field):
         return segment.type.size is None and not segment.type.is_delimited and segment.long is None
     return segment.takes_rest or (isinstance(segment, Inner) and segment.size == "rest")
 
 
 def leading(segments: tuple[Segment, ...]) -> bytes:
-    """The constant bytes that every such frame begins with, also those inside wraps, as they stand on the wire."""
+    """Return the constant bytes at the start of every frame of these segments, encoded, including those in wraps."""
     return _leading(segments)[0]
 
 
 def _leading(segments: tuple[Segment, ...]) -> tuple[bytes, bool]:
-    """The constants at the start, and whether all segments were constants."""
+    """Return the constants at the start, and whether all segments were constants."""
     found = b""
     for segment in segments:
         if segment.when is not None:
@@ -186,29 +187,33 @@ def _leading(segments: tuple[Segment, ...]) -> tuple[bytes, bool]:
 
 
 def begins_with_constants(static: StaticSizes, inner: Inner) -> bool:
-    """Whether one of the frames that may stand there begins with constants, which tell it from others."""
+    """Return whether one of the inner frames begins with constants that distinguish it from others."""
     return any(leading(static.segments(static.frames[name])) for name in inner.frames)
 
 
 def ending_checks(segments: Iterable[Segment]) -> Iterator[Check]:
-    """The check codes that end a frame at once."""
+    """Return the check codes that end a frame immediately."""
     return (one for one in flat(segments) if isinstance(one, Check) and one.ends)
 
 
 def looks_inside(static: StaticSizes, segments: Segments) -> bool:
-    """Whether more than the size counts of a frame of fixed size, as an inner frame that begins with constants."""
+    """Return whether measuring a frame of fixed size must examine its bytes, for example an inner frame with
+    constants.
+    """
     inner = any(isinstance(one, Inner) and begins_with_constants(static, one) for one in flat(segments))
     return inner or any(True for _ in ending_checks(segments))
 
 
 def symbol_behind(wrap: Wrap, after: Iterable[Segment]) -> bytes:
-    """The escape byte and its follower behind a wrap; empty if something else may stand there, or is to be refused."""
+    """Return the escape byte and its successor that follow a wrap; empty if other bytes may follow, or may be
+    refused.
+    """
     found = whole_constant(after)
     return found[:2] if len(found) > 1 and found[0] == wrap.escape else b""
 
 
 def whole_constant(segments: Iterable[Segment]) -> bytes:
-    """The bytes of the constants at the start of a list, up to one that is not always there, or is to be refused."""
+    """Return the bytes of the constants at the start of a list, up to a conditional or refusable segment."""
     found = b""
     for segment in segments:
         if not isinstance(segment, Const) or segment.when is not None or segment.refuse is not None:
@@ -218,9 +223,9 @@ def whole_constant(segments: Iterable[Segment]) -> bytes:
 
 
 def code_before_end(before: Sequence[Segment]) -> Check | None:
-    """The check code right before a constant that may end a frame, if a look tells whether it is right.
+    """Return the check code directly before a constant that may end a frame, if it is quick to verify; else None.
 
-    Most places where a frame could end are no end, and to read what is before each of them takes long.
+    Most candidates for the end are wrong, and reading the frame for each of them would be slow.
     """
     check = before[-1] if before else None
     if not isinstance(check, Check) or check.when is not None or check.covers is not None or check.added:
@@ -230,29 +235,32 @@ def code_before_end(before: Sequence[Segment]) -> Check | None:
 
 
 def is_fixed(field: Field) -> bool:
-    """Whether a field has one value wherever it is there, and none elsewhere."""
+    """Return whether a field has a single value when present, and no value when absent."""
     one = field.constants is not None and len(field.constants) == 1
     return one and (field.when is None or field.default is None)
 
 
 def is_plain_name(expression: object, name: str) -> bool:
-    """Whether a size or number is nothing but the value of that name."""
+    """Return whether a size or number consists only of that name."""
     return isinstance(expression, Expression) and is_name(expression.root, name)
 
 
 def is_name(node: object, name: str) -> bool:
-    """Whether a node of an expression is that name."""
+    """Return whether a node of an expression is that name."""
     return isinstance(node, Name) and node.name == name
 
 
 def follows_its_length(length: Length, target: Segment) -> bool:
-    """Whether the target's size is read from this very length, so that the two cannot disagree."""
+    """Return whether the target's size is read from this length, so that no disagreement is possible."""
     return length.counted == (target.path,) and _is_sized_by(length, target)
 
 
 def size_follows_value(segment: Segment, segments: Mapping[str, Segment]) -> bool:
-    """Whether a segment is as long as what is given for it: its size is a length that counts it, or counts a choice in
-    which it stands alone in its case. `segments`: all, by their paths."""
+    """Return whether a segment is as long as the given value.
+
+    True if its size is a length that counts only it, or that counts a choice in which it is alone in its case.
+    `segments`: all segments by path.
+    """
     for length in (one for one in segments.values() if isinstance(one, Length)):
         if follows_its_length(length, segment):
             return True
@@ -265,7 +273,7 @@ def size_follows_value(segment: Segment, segments: Mapping[str, Segment]) -> boo
 
 
 def _is_sized_by(length: Length, target: Segment) -> bool:
-    """Whether the target's size is the number of that length, as it stands."""
+    """Return whether the target's size consists only of that length."""
     if length.plus or length.unit != 1:
         return False
     if isinstance(target, Data):
@@ -276,9 +284,9 @@ def _is_sized_by(length: Length, target: Segment) -> bool:
 
 
 def parts_around(static: StaticSizes, segments: Segments) -> tuple[Segments, Segments, Segments]:
-    """The fixed segments at the start, those up to the last variable one, and the fixed ones behind it.
+    """Return the fixed segments at the start, the segments up to the last variable segment, and the fixed rest.
 
-    The last two are empty if the size of the end cannot be told beforehand.
+    The last two are empty if the size of the rest is not known in advance.
     """
     front, tail = static.split(segments)
     has_bytes = any(static.present(segment).fixed != 0 for segment in tail)
@@ -289,7 +297,7 @@ def parts_around(static: StaticSizes, segments: Segments) -> tuple[Segments, Seg
 
 
 def _is_known_before(static: StaticSizes, front: Segments, tail: Segments) -> bool:
-    """Whether the size of the tail can be told before the first variable segment is read."""
+    """Return whether the size of the tail is known before the first variable segment is read."""
     late: set[str] = set()
     variable = False
     for segment in front:
@@ -307,7 +315,9 @@ Placed = TypeVar("Placed")
 def fixed_and_conditional(
     static: StaticSizes, placed: Iterable[tuple[Segment, Placed]]
 ) -> tuple[int, list[tuple[int, Expression, Placed]]]:
-    """The bytes of segments of fixed size: of those always there, and of each under a condition with that."""
+    """Return the size in bytes of the unconditional segments of fixed size, and size and condition of each other
+    segment.
+    """
     fixed, conditional = 0, list[tuple[int, Expression, Placed]]()
     for segment, scope in placed:
         size = static.present(segment).fixed or 0

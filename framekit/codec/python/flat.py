@@ -1,7 +1,7 @@
-"""Builders: one function for a frame and those inside it, with a keyword for every value.
+"""Write builders: one function for a frame and its inner frames, with a keyword for every value.
 
-Where the frames are plain, their bytes are put together at once, and whatever does not fit is left to the frame's own
-encoder, which is where faults are told; else the values are handed to that encoder. Both give what it gives.
+If the frames are plain, their bytes are packed at once; values that do not fit are passed to the frame's own encoder,
+which reports faults. Otherwise all values are passed to that encoder. Both return the encoder's result.
 """
 
 from __future__ import annotations
@@ -42,12 +42,12 @@ from framekit.definition.model.segments import (
 from framekit.definition.times import format_time
 
 
-class NotPlain(Exception):  # noqa: N818 - no error, the encoder does it then
-    """Some frames cannot be built by one function without a look at nested values."""
+class NotPlain(Exception):  # noqa: N818 - not an error: the encoder is used instead
+    """Raised for frames that a single function cannot build without reading nested values."""
 
 
 def shown(levels: tuple[Level, ...]) -> tuple[Segment, ...]:
-    """The segments of the frames, each in the place where it stands in the one before it."""
+    """Return the segments of nested frames, each frame's segments in place of the inner frame around them."""
     *before, last = levels
     found = last.frame.segments
     for level in reversed(before):
@@ -57,7 +57,7 @@ def shown(levels: tuple[Level, ...]) -> tuple[Segment, ...]:
 
 
 def _put_in(segments: tuple[Segment, ...], inner: Inner, inside: tuple[Segment, ...]) -> tuple[Segment, ...]:
-    """The segments with others in the place of an inner frame."""
+    """Return the segments with an inner frame replaced by other segments."""
     found: list[Segment] = []
     for segment in segments:
         if segment is inner:
@@ -68,14 +68,12 @@ def _put_in(segments: tuple[Segment, ...], inner: Inner, inside: tuple[Segment, 
 
 
 class FusedFrames:
-    """Some frames as one list of segments, and the sizes that have to come out: expression, names of what it counts.
-
-    Raises NotPlain where they cannot be built so.
-    """
+    """Nested frames as one list of segments. Raises NotPlain if they cannot be built together."""
 
     def __init__(self, static: StaticSizes, levels: tuple[Level, ...]) -> None:
         self.static = static
         self.sizes: list[tuple[Expression, tuple[str, ...]]] = []
+        """The sizes to compare: expression, and names of the segments that it counts."""
         found: tuple[Segment, ...] = ()
         for level in reversed(levels):
             segments = static.segments(level.frame)
@@ -87,7 +85,7 @@ class FusedFrames:
             raise NotPlain
 
     def _inside(self, level: Level, segments: tuple[Segment, ...]) -> tuple[Segment, ...]:
-        """A frame that is to stand in another one, if it may."""
+        """Return the segments of an inner frame, or raise NotPlain if it cannot be fused."""
         frame, most = level.frame, self.static.all(segments).most
         if frame.delimited or not is_plain(_as_if_there(segments)):
             raise NotPlain
@@ -112,7 +110,7 @@ class FusedFrames:
         return _put_in(_counting_in(segments, inner, parts), inner, inside)
 
     def _is_told(self, inner: Inner, size: Expression, segments: tuple[Segment, ...]) -> bool:
-        """Whether a size is nothing but a length that counts the frame, less what else it counts."""
+        """Return whether a size is a length that counts the frame, minus the size of the other segments it counts."""
         root, less = _without_number(size.root)
         named = {one.name: one for one in segments if one.name is not None}
         length = named.get(root.name) if isinstance(root, Name) else None
@@ -123,14 +121,14 @@ class FusedFrames:
 
 
 def _without_number(node: Node) -> tuple[Node, int]:
-    """What a number is taken from, and the number."""
+    """Return the minuend of a subtraction of a number, and the number; the node itself and 0 for other nodes."""
     if isinstance(node, Binary) and node.operator == "-" and isinstance(node.right, Number):
         return node.left, node.right.value
     return node, 0
 
 
 def _counting_in(segments: tuple[Segment, ...], inner: Inner, parts: tuple[str, ...]) -> tuple[Segment, ...]:
-    """The segments, those in wraps too, with lengths and checks over the frame inside being over its segments."""
+    """Return the segments, with lengths and checks over the inner frame applied to its segments, in wraps too."""
     return tuple(
         one.with_blocks(lambda block: _counting_in(block, inner, parts))
         if one.is_there_inside
@@ -140,22 +138,22 @@ def _counting_in(segments: tuple[Segment, ...], inner: Inner, parts: tuple[str, 
 
 
 def _is_simple(segment: Segment) -> bool:
-    """Whether a segment has its values at hand, and holds no frame."""
+    """Return whether a segment takes its values directly from the keywords and holds no frame."""
     is_whole = segment.is_there_inside or isinstance(segment, Fill)
     return isinstance(segment, Check) or (is_whole and segment.when is None) or is_plain(_as_if_there((segment,)))
 
 
 def _as_if_there(segments: tuple[Segment, ...]) -> tuple[Segment, ...]:
-    """The segments without the conditions under which single values are there."""
+    """Return the segments without the conditions of single values."""
     return tuple(without_when(one) if kind_of(one).may_be_absent else one for one in segments)
 
 
 _MOST_PACKS = 256
-"""As many numbers of values in a list are prepared at most."""
+"""Limit of the list sizes for which packers are prepared."""
 
 
 def write_builder(module: Module, name: str, encoder: str, levels: tuple[Level, ...]) -> Source:
-    """The source of the builder `name` of some frames; `encoder` is the name of the outermost frame's.
+    """Return the source of the builder `name` of nested frames; `encoder` is the name of the outermost frame's encoder.
 
     The context is a name of the module.
     """
@@ -170,7 +168,7 @@ def write_builder(module: Module, name: str, encoder: str, levels: tuple[Level, 
 def write_plain_builder(
     module: Module, name: str, encoder: str, levels: tuple[Level, ...], context: str
 ) -> Source | None:
-    """As `write_builder`, with a last parameter `context`; None where it would only hand values on to the encoder."""
+    """Return a builder as `write_builder`, with `context` as last parameter; None if it would only call the encoder."""
     parameters = Parameters(module, levels)
     try:
         lines = FlatWriter(module, name, parameters).lines(encoder)
@@ -214,10 +212,7 @@ class ByKeyword(Given):
 
 
 class FlatWriter(EncodeWriter):
-    """Writes the lines that put some frames together at once.
-
-    `most_values`: how many a list may have, by its local; with more there is nothing that packs it.
-    """
+    """Write the lines that build nested frames directly."""
 
     def __init__(self, module: Module, title: str, parameters: Parameters) -> None:
         self.parameters = parameters
@@ -228,17 +223,18 @@ class FlatWriter(EncodeWriter):
         words = {*module.words(), *dir(builtins), "hexlify", "unhexlify"} - {"format", "id", "type"}
         if any(name in words or name != name.lower() for name in self.keywords.values()):
             raise NotPlain
-        if texts_inside(self.segments):  # they are read back once the frame is built
+        if texts_inside(self.segments):  # such texts are read back from the finished frame
             raise NotPlain
         if any(isinstance(one, Value) and one.name in self.keywords and one.build is None for one in self.segments):
             raise NotPlain
         self.most_values: dict[str, int] = {}
+        """Limit of the number of values in a list, by its local; a longer list has no packer."""
         self.names.reserve(self.keywords.values())
         if "frame" in self.keywords.values():
             self.buffer = self.names.fresh("frame")
 
     def lines(self, encoder: str) -> Source:
-        """The lines of the function; `encoder` gets values that do not fit."""
+        """Return the lines of the function; `encoder` is called for values that do not fit."""
         frame, segments = self.parameters.levels[0].frame, self.segments
         given, scope, out = ByKeyword(self.keywords, self.worked_out), Scope(), Source()
         self.values(segments, scope, given)
@@ -265,7 +261,7 @@ class FlatWriter(EncodeWriter):
         return out
 
     def _limit_list(self, most: int, scope: Scope) -> bool:
-        """Limits the frame by the number of values in the list that alone varies, if there is one."""
+        """Limit the frame size by the number of values in a list, if only that list varies; return whether it does."""
         longer = [one for one in self.segments if self.static.of(one).fixed is None]
         if len(longer) != 1 or not isinstance(longer[0], Repeat) or not isinstance(longer[0].of, FieldType):
             return False
@@ -284,18 +280,20 @@ class FlatWriter(EncodeWriter):
         return self.module.list_structs(before, code, order, self.title, "values", packs=True, most=most)
 
     def check_names(self, given: Given) -> None:
-        """Of a record, what is given beyond what is needed."""
+        """Write the refusal of a record with values beyond the required ones."""
         self.complain(self.more_than_needed(given), "", "")
 
     def refuse_if(self, condition: str) -> None:
-        """A list is by far the most frequent where one may be given; to ask that takes half the time."""
+        """Refuse the values if `condition` holds; the test for lists first tests for exactly `list`, in half the
+        time.
+        """
         if (other := re.fullmatch(r"not isinstance\((\w+), \(list, tuple\)\)", condition)) is not None:
             self.complain(f"{self.is_other(other[1], 'list')} and {condition}", "", "")
         else:
             super().refuse_if(condition)
 
     def is_other(self, local: str, type_: str) -> str:
-        """A parameter that is called `type` hides what tells the types of the others."""
+        """Return the type test without calling `type` if a parameter has that name."""
         return (
             f"{local}.__class__ is not {type_}" if "type" in self.keywords.values() else super().is_other(local, type_)
         )
@@ -332,30 +330,33 @@ class FlatWriter(EncodeWriter):
 # ---- keyword parameters ---------------------------------------------------------------------------------------
 
 LEFT_OUT = "None"
-"""The default of what may be left out, and is worked out then."""
+"""The default of values that may be omitted and are computed then."""
 _MOST_NAMED = 8
+"""Limit of the names of numbers in a note."""
 _LONG = 60
-"""A text longer than this gets a line of its own."""
+"""A source longer than this gets a line of its own."""
 _OWN_NAMES = ("ctx", "without_none")
+"""Names that builders use themselves."""
 
 
 @dataclass(frozen=True, slots=True)
 class Keyword:
-    """`name` is the keyword, `key` the name among the values of the frame at that `depth`.
-
-    `default`: its text, None where a value has to be given. `note`: what else is to be said of it, in words.
-    """
+    """A keyword parameter of a builder."""
 
     name: str
     key: str
+    """Its name among the values of the frame."""
     depth: int
+    """The nesting depth of the frame."""
     default: str | None
+    """The source of the default; None for a required value."""
     annotation: str
     note: str = ""
+    """Further explanation for the docstring."""
 
     @property
     def text(self) -> str:
-        """As it stands in the header of a function."""
+        """Return the parameter as in the header of a function."""
         if self.default is None:
             return f"{self.name}: {self.annotation}"
         optional = f" | {LEFT_OUT}" if self.default == LEFT_OUT and self.annotation != "Any" else ""
@@ -364,14 +365,14 @@ class Keyword:
 
 @dataclass(frozen=True, slots=True)
 class Level:
-    """A frame of a builder, and the place in it where the next one stands; None for the last."""
+    """A frame of a builder, and the segment that holds the next frame; None for the last."""
 
     frame: Frame
     inner: Inner | None
 
 
 def inner_frames(frame: Frame) -> dict[str, Inner]:
-    """The frames that may stand in a frame, with their places; the first place, where there are several."""
+    """Return the frames that a frame may contain, each with the first segment that may hold it."""
     found: dict[str, Inner] = {}
     for segment in flat(frame.segments):
         if isinstance(segment, Inner):
@@ -381,7 +382,7 @@ def inner_frames(frame: Frame) -> dict[str, Inner]:
 
 
 def levels_of(frames: Mapping[str, Frame], names: Iterable[str]) -> tuple[Level, ...]:
-    """The frames of these names, each inside the one before it. Raises KeyError where one is not."""
+    """Return the frames of these names, each inside the previous one. Raises KeyError if a frame cannot be inside."""
     first, *others = names
     found, frame = list[Level](), frames[first]
     for name in others:
@@ -391,7 +392,7 @@ def levels_of(frames: Mapping[str, Frame], names: Iterable[str]) -> tuple[Level,
 
 
 def rows_of(frames: Mapping[str, Frame], *names: str) -> Iterator[tuple[Level, ...]]:
-    """The rows of frames, each inside the one before it, that begin like this, up to one in which none stands."""
+    """Yield all rows of nested frames that begin with these names, down to a frame without inner frames."""
     inside = inner_frames(frames[names[-1]])
     if not inside:
         yield levels_of(frames, names)
@@ -401,7 +402,7 @@ def rows_of(frames: Mapping[str, Frame], *names: str) -> Iterator[tuple[Level, .
 
 
 class Parameters:
-    """The parameters of the builder of some frames, in the order of their values in the frame."""
+    """The parameters of the builder of nested frames, in frame order."""
 
     def __init__(self, module: Module, levels: tuple[Level, ...]) -> None:
         self._module = module
@@ -422,7 +423,11 @@ class Parameters:
                     yield replace(one, depth=depth)
 
     def _named(self, given: list[Keyword]) -> Iterator[Keyword]:
-        """A name that several frames have is the outermost one's; in the others the frame's name stands before it."""
+        """Yield the parameters with unique names.
+
+        A name that several frames have belongs to the outermost frame; the others are prefixed with the name of their
+        frame.
+        """
         outermost: dict[str, int] = {}
         for one in given:
             outermost[one.key] = min(one.depth, outermost.get(one.key, one.depth))
@@ -489,7 +494,7 @@ class Parameters:
     # ---- texts --------------------------------------------------------------------------------------------
 
     def write_call(self, out: Source, encoder: str) -> None:
-        """Writes what gives the result of an encoder, which takes nested values."""
+        """Write the call of an encoder with the nested values."""
         text, local = "", "inside"
         while any(one.name == local for one in self.all):
             local += "_"
@@ -502,7 +507,7 @@ class Parameters:
         out.add(f"return {encoder}({text}, ctx)")
 
     def _values(self, depth: int, inside: str) -> str:
-        """Text of the values of one frame."""
+        """Return the source of the values of a frame."""
         inner, always, perhaps = self.levels[depth].inner, list[str](), list[str]()
         for one in self.all:
             if one.depth == depth:
@@ -514,12 +519,12 @@ class Parameters:
         return f"{{{', '.join(always)}}}"
 
     def notes(self) -> list[str]:
-        """A line for every parameter of which there is more to say."""
+        """Return a line for every parameter with a note."""
         return [f"`{one.name}`: {one.note}" for one in self.all if one.note]
 
 
 def _is_given(name: str, segments: tuple[Segment, ...]) -> bool:
-    """Whether something is built from a value that is otherwise worked out: then it may be given."""
+    """Return whether another value is built from a computed value, which may therefore be given."""
     expressions: list[Expression | None] = []
     for segment in everything(segments):
         if isinstance(segment, Field):
@@ -536,7 +541,7 @@ def _type(type_: FieldType) -> str:
 
 
 def _note_of(item: Field) -> str:
-    """What values a field may have, where its type does not say it, and what it is for."""
+    """Return the documentation of a field, and its allowed values if its type does not define them."""
     parts = [item.doc] if item.doc else []
     if item.values is not None:
         parts.append(_names(item.values))

@@ -1,6 +1,7 @@
-"""Number forms: the text that turns a field's bytes into its value and back, and a check code into its bytes.
+"""Write the source that converts a field's bytes to its value and back, and a check code to its bytes.
 
-A *wire* value is what the bytes mean by their type alone; `plus`, `unit` and `zero_means` make the field's value of it.
+The *wire* value is the meaning of the bytes by their type alone; `plus`, `unit` and `zero_means` convert it to the
+field's value.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ Numbered = Field | Length | Count
 
 
 class Functions(Protocol):
-    """Gives the names of functions that generated text calls, and takes the imports that it needs."""
+    """Provide the names of functions that generated source calls, and collect the imports it requires."""
 
     imports: set[str]
 
@@ -30,7 +31,7 @@ class Functions(Protocol):
 
 
 def struct_code(type_: FieldType) -> tuple[str, str] | None:
-    """The `struct` code of a type and the byte order it needs (`<`, `>`, '' for any); None if it has none."""
+    """Return the `struct` code of a type and its byte order (`<`, `>`, '' for any); None if it has no code."""
     if type_.fixed_size is None:
         return None
     size = type_.fixed_size
@@ -44,14 +45,14 @@ def struct_code(type_: FieldType) -> tuple[str, str] | None:
 
 
 def check_code(check: Check) -> tuple[str, str]:
-    """The `struct` code of a check code and the byte order it needs."""
+    """Return the `struct` code of a check code and its byte order (`<`, `>`, '' for any)."""
     if check.form == "raw" and check.size in INT_CODES:
         return INT_CODES[check.size], "" if check.size == 1 else "<" if check.order == "little" else ">"
     return f"{check.size}s", ""
 
 
 def rule_type(type_: FieldType) -> str:
-    """What values of a type must be, as rules say it."""
+    """Return the name that rules use for the values of a type."""
     kinds = {
         "ascii": "text", "bytes": "bytes", "float": "float", "hex_float": "float", "fraction": "decimal",
         "scaled": "decimal",
@@ -60,37 +61,38 @@ def rule_type(type_: FieldType) -> str:
 
 
 def is_slice(type_: FieldType) -> bool:
-    """Whether the struct code gives bytes that are still to be read."""
+    """Return whether unpacking gives bytes that need further conversion."""
     code = struct_code(type_)
     return code is None or code[0].endswith("s")
 
 
 def hex_places(type_: FieldType) -> int | None:
-    """Bytes behind the digits of a type that `unhexlify` can read: pairs of hex digits, 1, 2, 4 or 8 of them."""
+    """Return the number of encoded bytes of hex digits that `unhexlify` can read (2, 4, 8 or 16 digits); None
+    otherwise.
+    """
     if type_.kind == "digits" and type_.base == 16 and type_.fixed_size in (2, 4, 8, 16):
         return type_.fixed_size // 2
     return None
 
 
 def parse(functions: Functions, type_: FieldType, raw: str) -> str:
-    """Text of the wire value that the bytes `raw` (a text for a slice) hold."""
+    """Return the source of the wire value in the bytes `raw` (source of a slice)."""
     return WIRE_FORMS[type_.kind].parse(functions, type_, raw)
 
 
 def build(functions: Functions, type_: FieldType, wire: str, size: str) -> str:
-    """Text of the bytes of a wire value; `size` is the text of the type's size."""
+    """Return the source of the bytes of a wire value; `size` is the source of the type's size."""
     return WIRE_FORMS[type_.kind].build(functions, type_, wire, size)
 
 
 @dataclass(frozen=True, slots=True)
 class WireForm:
-    """How values of a kind of type stand on the wire: the texts that read and build their bytes.
-
-    `parse` takes the text of a slice, `build` that of the value and that of the size in bytes.
-    """
+    """The encoding of a kind of type: functions that return the source to read and to build its bytes."""
 
     parse: Callable[[Functions, FieldType, str], str]
+    """Takes the source of a slice."""
     build: Callable[[Functions, FieldType, str, str], str]
+    """Takes the source of the value and that of the size in bytes."""
 
 
 def _parse_int(functions: Functions, type_: FieldType, raw: str) -> str:
@@ -108,14 +110,14 @@ def _build_int(functions: Functions, type_: FieldType, wire: str, size: str) -> 
 
 
 def digits_number(functions: Functions, base: int, little: bool, digits: str) -> str:
-    """Text of the number that digits show; those of base 16 are turned round in pairs."""
+    """Return the source of the number that digits show; little-endian hex digits are reversed in pairs."""
     pairs = "_little" if little and base == 16 else ""
     turned = "[::-1]" if little and not pairs else ""
     return f"{functions.function(f'parse_{_DIGIT_NAMES[base]}{pairs}')}({digits}{turned})"
 
 
 def digits_text(functions: Functions, base: int, little: bool, lower: bool, number: str, size: str) -> str:
-    """Text of the digits of a number; those of base 16 are turned round in pairs."""
+    """Return the source of the digits of a number; little-endian hex digits are reversed in pairs."""
     pairs = "_little" if little and base == 16 else ""
     turned = "[::-1]" if little and not pairs else ".lower()" if lower else ""
     return f"{functions.function(f'build_{_DIGIT_NAMES[base]}{pairs}')}({number}, {size}){turned}"
@@ -149,7 +151,9 @@ def _form_arguments(type_: FieldType) -> str:
 
 
 def refusing(functions: Functions, type_: FieldType) -> str:
-    """Text of a function that says why a type cannot hold a number, where no range says it; empty for other types."""
+    """Return the source of a function that raises an error for numbers a type cannot hold; empty if a range is
+    enough.
+    """
     if type_.scale is not None:
         return f"lambda value: {_unscaled(functions, type_, 'value')}"
     size = type_.fixed_size or 0
@@ -157,7 +161,7 @@ def refusing(functions: Functions, type_: FieldType) -> str:
 
 
 def _inside(type_: FieldType) -> tuple[FieldType, str]:
-    """The type of the number on the wire, and what is said of how it is scaled."""
+    """Return the type of the encoded number, and the source of the arguments of its scale."""
     assert type_.inside is not None and type_.scale is not None
     return type_.inside, ", ".join(map(str, type_.scale.arguments))
 
@@ -178,14 +182,16 @@ def _build_scaled(functions: Functions, type_: FieldType, wire: str, size: str) 
 
 
 def find_end(functions: Functions, type_: FieldType, buffer: str, place: str) -> str:
-    """Text of the place where a value ends that certain bytes delimit, which begins at `place`."""
+    """Return the source of the offset where a delimited value that begins at `place` ends."""
     if type_.end is not None:
         return f"{buffer}.index({bytes_literal(type_.end)}, {place})"
     return f"{functions.function('index_stop')}({buffer}, {stops_literal(type_)}, {place})"
 
 
 def stops_literal(type_: FieldType) -> str:
-    """The bytes before which a value ends: single ones in one piece, longer ones each by itself."""
+    """Return the literal of the delimiters before which a value ends: one bytes literal, or a tuple if any is longer
+    than a byte.
+    """
     return literal(type_.stops) if type_.has_long_stops else bytes_literal(b"".join(type_.stops))
 
 
@@ -202,7 +208,7 @@ def _build_decimal(functions: Functions, type_: FieldType, wire: str, size: str)
 
 
 def _in_hex(type_: FieldType) -> FieldType:
-    """The type of the bytes behind hex digits."""
+    """Return the type of the bytes that the hex digits encode."""
     kind = "int" if type_.kind == "hex_int" else "float"
     return FieldType(kind, (type_.fixed_size or 2) // 2, signed=True, order=type_.order)
 
@@ -244,16 +250,16 @@ WIRE_FORMS: dict[str, WireForm] = {
     "ascii": WireForm(_parse_text, _build_text),
     "bytes": WireForm(lambda functions, type_, raw: raw, lambda functions, type_, wire, size: wire),
 }
-"""The kinds of types by their names in the model; what else there is of a kind stands in `definition/wire_types.py`."""
+"""The encodings by kind of type; `definition/wire_types.py` defines the other properties of the kinds."""
 
 
 def plus_text(number: int) -> str:
-    """What adds a number to what stands before it; nothing for 0."""
+    """Return the source that adds a number to the preceding expression; empty for 0."""
     return f" + {number}" if number > 0 else f" - {-number}" if number else ""
 
 
 def value_of(field: Numbered, wire: str) -> str:
-    """Text of the field's value from the text of its wire value."""
+    """Return the source of the field's value, given the source of its wire value."""
     text = wire
     if isinstance(field, Field):
         text += plus_text(-field.plus)
@@ -266,7 +272,7 @@ def value_of(field: Numbered, wire: str) -> str:
 
 
 def wire_of(field: Numbered, value: str) -> str:
-    """Text of the wire value from the text of the field's value (a name)."""
+    """Return the source of the wire value, given the source of the field's value (a name)."""
     text = value
     if isinstance(field, Field):
         if field.unit is not None and field.unit != 1:
@@ -278,25 +284,25 @@ def wire_of(field: Numbered, value: str) -> str:
 
 
 def reads_twice(field: Numbered) -> bool:
-    """Whether the text of the value has its wire value in it twice."""
+    """Return whether the source of the value contains the wire value twice."""
     return field.zero_means is not None and value_of(field, "wire").count("wire") > 1
 
 
 def changes_value(field: Numbered) -> bool:
-    """Whether the value is another than the wire value."""
+    """Return whether the value differs from the wire value."""
     return value_of(field, "x") != "x"
 
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """Least and greatest number; None where there is no bound."""
+    """Least and greatest number; None for no bound."""
 
     least: int | None
     most: int | None
 
 
 def wire_range(type_: FieldType) -> Range:
-    """What numbers the type itself can hold."""
+    """Return the range of numbers that the type can hold."""
     bounds = type_.bounds
     if bounds is not None:
         return Range(*bounds)
@@ -304,7 +310,7 @@ def wire_range(type_: FieldType) -> Range:
 
 
 def value_range(field: Numbered) -> Range:
-    """What numbers the field can hold, by its type and its limits."""
+    """Return the range of values that the field can hold, by its type and its limits."""
     if isinstance(field, Field) and field.long is not None:
         found = wire_range(field.long.type)
     else:
@@ -324,7 +330,7 @@ def value_range(field: Numbered) -> Range:
 
 
 def memory_text(functions: Functions, data: Data, wire: str) -> str:
-    """Text of the bytes in memory from those on the wire: conversion, then swap."""
+    """Return the source of the bytes in memory, given the encoded bytes: conversion, then swap."""
     if data.convert == "hex_to_ascii":
         wire = _converted(functions, "ascii_to_hex", wire)
     elif data.convert == "ascii_to_hex":
@@ -333,7 +339,7 @@ def memory_text(functions: Functions, data: Data, wire: str) -> str:
 
 
 def wire_text(functions: Functions, data: Data, memory: str) -> str:
-    """Text of the bytes on the wire from those in memory: swap, then conversion."""
+    """Return the source of the encoded bytes, given the bytes in memory: swap, then conversion."""
     if data.swap:
         memory = f"{functions.function('swap')}({memory}, {data.swap})"
     if data.convert is None:
@@ -342,13 +348,13 @@ def wire_text(functions: Functions, data: Data, memory: str) -> str:
 
 
 def holds_never(data: Data, local: str) -> str:
-    """Text that tells whether bytes hold one that never stands in them."""
+    """Return the source of the condition that bytes contain a forbidden byte."""
     never = bytes_literal(data.never)
     return f"{never} in {local}" if len(data.never) == 1 else f"{local}.translate(None, {never}) != {local}"
 
 
 def _converted(functions: Functions, convert: str, text: str) -> str:
-    """Text of a conversion as the functions of that name do it, without the call."""
+    """Return the source of a conversion, inlined instead of a call of the function of the same name."""
     if convert == "hex_to_ascii":
         functions.imports.add("from binascii import hexlify")
         return f"hexlify({text}).upper()"
@@ -360,16 +366,18 @@ def _converted(functions: Functions, convert: str, text: str) -> str:
 
 
 def needs(check: Check, text: Callable[[Expression], str], context: str = "ctx") -> str:
-    """Text of what a check code is made with beside bytes: its key, or for an expression all parameters and state."""
+    """Return the source of the further input of a check code: its key, or for an expression the whole context; else
+    empty.
+    """
     if check.method.kind == "code":
         return context
     return "" if check.key is None else text(check.key)
 
 
 def code_text(module: Module, check: Check, covered: str, key: str = "") -> str:
-    """Text of the number a check code is, cut to the room it has on the wire; an operand of a comparison.
+    """Return the source of a check code as a number, cut to its encoded width, as an operand of a comparison.
 
-    `key`: the text of what it needs.
+    `key`: the source of its further input.
     """
     return operand(_number(module, check, covered, key))
 
@@ -385,11 +393,11 @@ def _number(module: Module, check: Check, covered: str, key: str) -> str:
 
 
 def code_bytes(module: Module, check: Check, covered: str, key: str = "") -> str:
-    """Text of the bytes of a check code over `covered` (a text)."""
+    """Return the source of the bytes of a check code over `covered` (source)."""
     code = code_text(module, check, covered, key)
     little = check.order == "little"
     if check.form == "raw":
-        if check.size in INT_CODES:  # a little sooner than to_bytes
+        if check.size in INT_CODES:  # a little faster than `to_bytes`
             struct = module.struct(*check_code(check))
             return f"{struct}.pack({_number(module, check, covered, key)})"
         return f"{code}.to_bytes({check.size}, {quoted(check.order)})"
@@ -405,7 +413,7 @@ def code_bytes(module: Module, check: Check, covered: str, key: str = "") -> str
 
 
 def code_number(module: Module, check: Check, raw: str) -> str:
-    """Text of the number behind a check code's bytes."""
+    """Return the source of the number that a check code's bytes encode."""
     little = check.order == "little"
     if check.form == "raw":
         return f"int.from_bytes({raw}, {quoted(check.order)})"
@@ -422,27 +430,31 @@ def code_number(module: Module, check: Check, raw: str) -> str:
 
 
 def wrong_code(module: Module, check: Check, found: str, code: str) -> str:
-    """Text of the condition that a check code is wrong; both are texts of numbers. Those made with a key are compared
-    in constant time."""
+    """Return the source of the condition that a check code is wrong, given the sources of both numbers.
+
+    Codes made with a key are compared in constant time.
+    """
     if not check.method.is_keyed:
         return f"{found} != {code}"
     return f"not {module.function('is_same_code')}({found}, {code}, {check.code_size})"
 
 
 def added_text(functions: Functions, added: Added, value: str) -> str:
-    """Text of bytes that count in a check code and are not on the wire; `value` is the text of their expression."""
+    """Return the source of bytes that a check code covers but no segment holds; `value` is the source of their
+    expression.
+    """
     if added.type is None:
         return value
     return build(functions, added.type, value, str(added.type.fixed_size))
 
 
 def operand(text: str) -> str:
-    """A text as one operand of a comparison."""
+    """Return a source as an operand of a comparison, in parentheses if it needs them."""
     return text if is_call(text) else f"({text})"
 
 
 def is_call(text: str) -> bool:
-    """Whether a text is one name or call, so that it needs no parentheses around it."""
+    """Return whether a source is a single name or call, which needs no parentheses."""
     if text.replace("_", "").isalnum():
         return True
     if not text.endswith(")") or text.startswith("("):

@@ -1,5 +1,5 @@
-"""What all parts of a generated function share: its lines, its locals, what it asks of the context, its conditions,
-and places in its buffer, as texts.
+"""Hold the common state of generated functions: lines, locals, context, conditions, and offsets in buffers as
+source.
 """
 
 from __future__ import annotations
@@ -42,11 +42,12 @@ from framekit.definition.model.segments import (
 )
 
 MISMATCH = "raise Mismatch"
+"""The statement for bytes that do not fit."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """Where a segment stands: the buffer and the places of its first byte and behind its last."""
+    """The span of a segment: its buffer, the offset of its first byte and the offset after its last byte."""
 
     buffer: str
     first: Offset
@@ -54,8 +55,10 @@ class Bounds:
 
 
 class FunctionWriter:
-    """What the writers of all generated functions share. `segments`: everything the function reads or builds;
-    `hoisted`: the locals with what it reads of the context."""
+    """The common base of the writers of generated functions.
+
+    `segments`: all segments that the function reads or builds.
+    """
 
     def __init__(self, module: Module, segments: tuple[Segment, ...]) -> None:
         self.module = module
@@ -64,6 +67,7 @@ class FunctionWriter:
         self.out = Source()
         self.names = Identifiers(module.words())
         self.hoisted: dict[str, str] = {}
+        """The locals of the context values that the function reads."""
         self.by_name = {segment.name: segment for segment in everything(segments) if segment.name}
         self.by_path = {segment.path: segment for segment in everything(segments) if segment.name}
         self.by_value_name: dict[str, list[Segment]] = {}
@@ -78,21 +82,23 @@ class FunctionWriter:
         self.out.add(text)
 
     def context(self, name: str) -> str:
-        """The local that holds a context value; it is fetched once, before anything is read."""
+        """Return the local of a context value, which is read once at the start of the function."""
         if name not in self.hoisted:
             self.module.context.add(self.module.known(name, self.segments))
             self.hoisted[name] = self.names.fresh(name)
         return self.hoisted[name]
 
     def sizes_of(self, placed: Iterable[tuple[Segment, Scope]], level: int) -> tuple[int, list[str]]:
-        """The bytes of segments of fixed size: of those always there, and a text for each under a condition."""
+        """Return the size of the unconditional segments of fixed size, and the source of the size of each conditional
+        one.
+        """
         fixed, conditional = fixed_and_conditional(self.static, placed)
         return fixed, [
             f"({size} if {self.writer(scope).text(when, level)} else 0)" for size, when, scope in conditional
         ]
 
     def write_hoisted(self, out: Source) -> None:
-        """Writes what fetches the values of the context."""
+        """Write the assignments of the context values to their locals."""
         for name, local in self.hoisted.items():
             out.add(f"{local} = {self.module.given(name)}")
 
@@ -100,7 +106,7 @@ class FunctionWriter:
         return ExpressionWriter(self.module, scope, self.context)
 
     def may_be_negative(self, size: Node) -> bool:
-        """Whether a size can come out below zero."""
+        """Return whether a size can be negative."""
         asked: set[str] = set()
         ahead = [size]
         while ahead:
@@ -121,7 +127,7 @@ class FunctionWriter:
         return False
 
     def _holds_negative(self, name: str) -> bool:
-        """Whether a value of that name may be below zero by what holds it."""
+        """Return whether a value of that name may be negative by the type that holds it."""
         found = self.by_value_name.get(name)
         if found is None:
             return self._given_negative(name)
@@ -135,14 +141,14 @@ class FunctionWriter:
         return False
 
     def _behind(self, name: str) -> Iterator[Node]:
-        """What the values of that name may be worked out by."""
+        """Yield the expressions from which values of that name may be computed."""
         for one in self.by_value_name.get(name, ()):
             given = one.read if isinstance(one, Value) else one.default if isinstance(one, Field) else None
             if given is not None:
                 yield given.root
 
     def _given_negative(self, name: str) -> bool:
-        """Whether a table, a parameter or state may be below zero."""
+        """Return whether a table, a parameter or a state variable may be negative."""
         protocol = self.module.protocol
         parameter, state, table = protocol.params.get(name), protocol.state.get(name), protocol.tables.get(name)
         if parameter is not None:
@@ -154,19 +160,23 @@ class FunctionWriter:
 
 
 class Function(FunctionWriter):
-    """State of a function being written that reads bytes; `title` names its constants."""
+    """The state of a reading function while it is written; `title` is part of the names of its constants."""
 
     def __init__(self, module: Module, title: str, segments: tuple[Segment, ...]) -> None:
         super().__init__(module, segments)
         self.title = title
-        self.regions: list[str] = []  # locals with the content of wraps that may be absent, where checks ask for it
+        self.regions: list[str] = []
+        """Locals with the content of wraps that may be absent, if checks need it."""
         self.conditions: list[str] = []
-        self.tells_wrong = False  # what `wrong_if` says is told apart from all else that does not fit
+        self.tells_wrong = False
+        """Whether faults from `wrong_if` are distinguished from all other faults."""
         self.raises_wrong = False
         self.wrong: list[str] = []
         self.wrong_at_last: list[str] = []
-        self.flag = ""  # the local that says that something is wrong, false before anything is read
-        self.last: list[Callable[[], None]] = []  # what is read when all the rest fits
+        self.flag = ""
+        """The local that records a fault, false at the start."""
+        self.last: list[Callable[[], None]] = []
+        """Readings to write after all other parts fit."""
         self.read_names = names_asked_for(segments)
         self.tracked = tracked_paths(segments)
         self.locals_of_values: dict[str, str] = {}
@@ -184,25 +194,27 @@ class Function(FunctionWriter):
     # ---- names --------------------------------------------------------------------------------------------
 
     def local(self, name: str, scope: Scope) -> str:
-        """The local of a field; one that exists in two cases of a choice has one local."""
+        """Return the local of a field; fields of the same name in several cases of a choice share a local."""
         if name in scope.entries and scope.entries[name].text:
             return scope.entries[name].text
         return self.names.fresh(name)
 
     def waits_for(self, expression: Expression, scope: Scope) -> bool:
-        """Whether the expression reads fields that are not there yet."""
+        """Return whether an expression reads fields that are not available yet."""
         entries = entries_read(expression.root, scope, self.field_names)
         return any(entry is None or not entry.is_read for entry in entries)
 
     # ---- lines --------------------------------------------------------------------------------------------
 
     def mismatch_if(self, condition: str) -> None:
-        """The frame does not fit if `condition` holds; it is written with others, before anything depends on it."""
+        """Add a condition under which the frame does not fit; it is written before any line that depends on it."""
         if condition not in self.conditions:
             self.conditions.append(condition)
 
     def wrong_if(self, condition: str) -> None:
-        """As `mismatch_if`, for a fault that alone in a frame is never refused, whatever is in frames inside it."""
+        """Add a condition like `mismatch_if`, for a fault that is never refused if it is the only fault of the outer
+        frame.
+        """
         if not self.tells_wrong:
             self.mismatch_if(condition)
             return
@@ -211,14 +223,14 @@ class Function(FunctionWriter):
             self.flush()
 
     def wrong_at_last_if(self, condition: str) -> None:
-        """As `mismatch_if`, for a fault that alone in a frame is never refused, if the frames inside it are not."""
+        """Add a condition like `wrong_if`, for a fault that inner frames may still turn into a refusal."""
         if self.tells_wrong:
             self.wrong_at_last.append(condition)
         else:
             self.mismatch_if(condition)
 
     def finish(self) -> None:
-        """Everything but what comes last is read: writes the conditions, what is wrong, and that."""
+        """Write the conditions and faults, then the readings that come last, when all other parts are read."""
         wrong, self.wrong = self.wrong, []
         self.flush()
         self._raise_wrong([self.flag, *wrong] if self.flag else wrong)
@@ -234,7 +246,7 @@ class Function(FunctionWriter):
                 self.add("raise Wrong")
 
     def flush(self) -> None:
-        """Writes the conditions noted so far, and keeps what is wrong so far."""
+        """Write the conditions so far, and record the faults so far in the flag."""
         wrong, self.wrong = self.wrong, []
         if self.conditions:
             conditions, self.conditions = self.conditions, []
@@ -246,14 +258,14 @@ class Function(FunctionWriter):
             self.add(f"{self.flag} = {' or '.join([self.flag, *wrong])}")
 
     def flush_using(self, local: str) -> None:
-        """Writes the conditions, if one of them reads a local that is about to change."""
+        """Write the conditions if one of them reads a local that is about to change."""
         if any(re.search(rf"\b{local}\b", condition) for condition in (*self.conditions, *self.wrong)):
             self.flush()
 
     # ---- where segments stand -----------------------------------------------------------------------------
 
     def stands(self, segment: Segment, buffer: str, first: Offset, last: Offset) -> None:
-        """Notes where a segment stands; places that will move are kept in locals if they are needed later."""
+        """Record the span of a segment; offsets that will change are kept in locals if they are needed later."""
         if segment.name is None:
             return
         path = segment.path
@@ -284,7 +296,7 @@ class Function(FunctionWriter):
         return kept[0], kept[1]
 
     def preset(self, segments: Iterable[Segment], place: str) -> None:
-        """Segments that may not be there take no bytes at `place`, as long as nothing else is known of them."""
+        """Give segments that may be absent an empty span at `place`, until they are read."""
         segments = tuple(segments)
         for leaf in standing_any_way(segments):
             if leaf.path in self.tracked and leaf.path not in self.presets:
@@ -294,14 +306,16 @@ class Function(FunctionWriter):
                 self.add(f"{start} = {end} = {place}")
 
     def pass_over(self, segments: Iterable[Segment], read: Iterable[Segment], place: str) -> None:
-        """Segments of later cases take no bytes at `place`, behind those that were read: ranges may end with them."""
+        """Give segments of later cases an empty span at `place`, after the segments that were read, for ranges that end
+        with them.
+        """
         here = {leaf.path for leaf in standing_any_way(tuple(read))}
         for path in dict.fromkeys(leaf.path for leaf in standing_any_way(tuple(segments))):
             if path in self.presets and path not in here:
                 self.add(f"{' = '.join(self.presets[path])} = {place}")
 
     def bytes_between(self, paths: Iterable[str]) -> str:
-        """Text of the bytes of these segments in this order."""
+        """Return the source of the bytes of these segments in this order."""
         pieces: list[Bounds] = []
         before = ""
         for path in paths:
@@ -320,7 +334,9 @@ class Function(FunctionWriter):
         return self.trail.index(before) + 1 == self.trail.index(path)
 
     def room(self, targets: Mapping[str, Target], *, plain: bool) -> str:
-        """Text of the bytes these segments take, when everything is read; `plain`: as they are in memory."""
+        """Return the source of the size of these segments in bytes, after all are read; `plain`: their size in
+        memory.
+        """
         fixed, parts = 0, []
         for path, target in targets.items():
             size = None if target.only is None else self.static.of(target.only).fixed
@@ -335,7 +351,7 @@ class Function(FunctionWriter):
         return " + ".join([*([str(fixed)] if fixed or not parts else []), *parts])
 
     def wire_size(self, path: str) -> str:
-        """Text of the bytes a segment that was read takes on the wire."""
+        """Return the source of the encoded size of a segment that was read, in bytes."""
         parts = self.wire_parts.get(path, (path,))
         if parts != (path,):
             return " + ".join(self.wire_size(part) for part in parts) or "0"
@@ -352,12 +368,12 @@ class Function(FunctionWriter):
 
 
 def paths_of(segment: Segment) -> set[str]:
-    """The paths of a segment and of the values that it holds itself."""
+    """Return the paths of a segment and of its own values."""
     return {segment.sibling_path(name) for name in (segment.name, *segment.value_names) if name}
 
 
 def paths_read(segment: Segment, paths: Collection[str], *needed: str | Expression) -> frozenset[str]:
-    """Those of the paths that stand for these names of siblings of a segment, and for what its expressions read."""
+    """Return the members of `paths` that a segment needs: siblings by name, and names that its expressions read."""
     found = {segment.sibling_path(one) for one in needed if isinstance(one, str)}
     names = {name for one in needed if isinstance(one, Expression) for name in names_in(one.root)}
     found |= {nearest_path(name, segment, paths) for name in names}
@@ -365,7 +381,9 @@ def paths_read(segment: Segment, paths: Collection[str], *needed: str | Expressi
 
 
 def tracked_paths(segments: tuple[Segment, ...]) -> set[str]:
-    """The segments whose places are needed: check ranges, lengths, `len(name)` of what has no length of its own."""
+    """Return the paths of the segments whose spans are needed: for checks, lengths, and `len(name)` of values without a
+    length.
+    """
     found: set[str] = set()
     for segment in everything(segments):
         if isinstance(segment, Check):
@@ -379,7 +397,7 @@ def tracked_paths(segments: tuple[Segment, ...]) -> set[str]:
 
 
 def wire_paths(segments: Segments, paths: Iterable[str]) -> list[str]:
-    """The paths of what takes bytes where these segments stand: a case, or what is optional, is what is in it."""
+    """Return the paths of the parts that take bytes; a choice or `optional` is replaced by its content."""
     found: list[str] = []
     for path in paths:
         every = [one for one in everything(segments) if one.path == path]
@@ -389,7 +407,7 @@ def wire_paths(segments: Segments, paths: Iterable[str]) -> list[str]:
 
 
 def on_the_wire(segments: Iterable[Segment]) -> Iterator[Segment]:
-    """The segments that take bytes of the buffer they stand in: what is in records and cases, wraps as a whole."""
+    """Yield the segments that take bytes of their buffer: the content of records and cases, but wraps as a whole."""
     for segment in segments:
         inside = segment.blocks if segment.inner_record is None else (segment.inner_record,)
         if segment.is_there_inside or segment.is_list or not inside:
@@ -401,18 +419,20 @@ def on_the_wire(segments: Iterable[Segment]) -> Iterator[Segment]:
 
 
 def standing_any_way(segments: Segments) -> Iterator[Segment]:
-    """What takes bytes, in wraps and as a whole wrap."""
+    """Yield the segments that take bytes, the content of wraps as well as the wraps themselves."""
     yield from leaves(segments)
     yield from (one for one in on_the_wire(segments) if one.is_there_inside)
 
 
 def standing(check: Check, segments: Iterable[Segment]) -> Iterator[Segment]:
-    """What takes bytes for a check: what is in wraps, or the wraps as a whole where it counts what is on the wire."""
+    """Yield the segments that take bytes for a check: wraps as a whole if it covers encoded bytes, else their
+    content.
+    """
     return on_the_wire(segments) if check.wire else leaves(segments)
 
 
 def covers_later(check: Check, segments: tuple[Segment, ...]) -> bool:
-    """Whether a check covers something that stands behind it."""
+    """Return whether a check covers a later segment."""
     order = [one.path for one in standing(check, segments)]
     if check.path not in order:
         return False
@@ -420,12 +440,12 @@ def covers_later(check: Check, segments: tuple[Segment, ...]) -> bool:
 
 
 def covered_paths(check: Check, segments: tuple[Segment, ...]) -> list[str]:
-    """The paths of the segments that the parts of a check's `over` are, in their order."""
+    """Return the paths of the segments in a check's `over`, in order."""
     return [path for part in covered_parts(check, segments) if isinstance(part, list) for path in part]
 
 
 def covered_parts(check: Check, segments: tuple[Segment, ...]) -> list[list[str] | Added]:
-    """What a check covers by its `over`: the paths of runs of segments, and what is not on the wire between them."""
+    """Return the operands of a check's `over`: paths of runs of segments, and added bytes that are not transmitted."""
     found: list[list[str] | Added] = []
     for part in check.covers or ():
         if isinstance(part, Added):
@@ -440,9 +460,10 @@ def covered_parts(check: Check, segments: tuple[Segment, ...]) -> list[list[str]
 
 
 def paths_in_part(part: str | Edges, check: Check, segments: tuple[Segment, ...]) -> list[str]:
-    """The paths of the segments of one part: those that stand for a name, or from the first to the last of a range.
+    """Return the paths of the segments of an operand of `over`: those of a name, or all from the first to the last of a
+    range.
 
-    Segments of several cases that share a path are one.
+    Segments of several cases that share a path appear once.
     """
     if isinstance(part, str):
         named = (one for one in everything(segments) if one.path == check.sibling_path(part))
@@ -461,7 +482,7 @@ def paths_in_part(part: str | Edges, check: Check, segments: tuple[Segment, ...]
 
 @dataclass(frozen=True, slots=True)
 class Offset:
-    """`offset` bytes behind `base`: '' is the start, 'end' the end of the buffer, else a local variable."""
+    """`offset` bytes after `base`: '' is the start and 'end' the end of the buffer, other names are locals."""
 
     base: str
     offset: int
@@ -470,7 +491,7 @@ class Offset:
         return Offset(self.base, self.offset + size)
 
     def text(self, buffer: str) -> str:
-        """The place as a number."""
+        """Return the source of the offset as a number."""
         if self.base == "":
             return str(self.offset)
         base = f"len({buffer})" if self.base == "end" else self.base
@@ -484,12 +505,12 @@ def _sum(base: str, offset: int) -> str:
 
 
 def index(buffer: str, place: Offset) -> str:
-    """One byte of the buffer."""
+    """Return the source of a byte of the buffer."""
     return f"{buffer}[{place.offset if place.base == 'end' else place.text(buffer)}]"
 
 
 def between(buffer: str, first: Offset, last: Offset) -> str:
-    """The bytes between two places."""
+    """Return the source of the bytes between two offsets."""
     if first == Offset("", 0) and last == Offset("end", 0):
         return buffer
     start = "" if first == Offset("", 0) else _bound(buffer, first)
@@ -506,7 +527,7 @@ def _bound(buffer: str, place: Offset) -> str:
 
 
 class Fields:
-    """A dictionary of values in generated code: a literal as long as possible, then a variable that grows."""
+    """A dictionary in generated code: a literal as long as possible, then a variable to which values are added."""
 
     def __init__(self, variable: str, outer: tuple[Fields, str] | None = None) -> None:
         self.variable = variable
@@ -515,7 +536,7 @@ class Fields:
         self.is_open = False
 
     def attach(self) -> None:
-        """Becomes a value of the dictionary around it, when its first value is read."""
+        """Become a value of the outer dictionary, when the first value is read."""
         if self.outer is not None:
             (fields, name), self.outer = self.outer, None
             fields.add(name, self)
@@ -525,7 +546,7 @@ class Fields:
         self.entries.append((name, value))
 
     def text(self, out: Source) -> str:
-        """The dictionary as an expression, with everything in it that was added."""
+        """Return the dictionary as an expression with all values added so far."""
         if self.is_open:
             self.flush(out)
             return self.variable
@@ -535,7 +556,7 @@ class Fields:
         return "{" + ", ".join(parts) + "}"
 
     def open(self, out: Source) -> None:
-        """Makes it a variable, so that what comes next may be there or not."""
+        """Turn the literal into a variable, so that later values may be conditional."""
         if self.is_open:
             self.flush(out)
             return
@@ -544,7 +565,7 @@ class Fields:
         self.entries = []
 
     def flush(self, out: Source) -> None:
-        """Writes the entries that a variable does not have yet; one that is no variable yet is written as a whole."""
+        """Write the pending values to the variable; a literal remains unchanged."""
         if not self.is_open:
             return
         entries, self.entries = self.entries, []

@@ -1,7 +1,7 @@
-"""Measuring functions: how long is the frame that begins here, from as many bytes as are there.
+"""Write measuring functions: the length of the frame that begins at an offset, from the bytes available so far.
 
-They read only what sizes depend on, compare only the constants a frame begins with, and say how many bytes they want at
-least, so that not every single one is checked. The kinds of segments write how they are passed.
+They read only values that sizes depend on, compare only the constants at the start of a frame, and return how many more
+bytes they need at least, so that they are not called for every byte. The kinds of segments write how they are passed.
 """
 
 from __future__ import annotations
@@ -42,30 +42,33 @@ from framekit.definition.model.segments import (
 )
 
 Pairs = tuple[tuple[Segment, Scope], ...]
-"""Segments with the scopes their names belong to."""
+"""Segments, each with the scope of its names."""
 
 
-class Finished(Exception):  # noqa: N818 - a way out, no error
-    """The rest of the function is written: nothing behind matters for the length, or it cannot be told."""
+class Finished(Exception):  # noqa: N818 - control flow, not an error
+    """Raised when the rest of the function is written: later segments do not affect the length, or it cannot be
+    computed.
+    """
 
 
 Number = Field | Length | Count | Bits
+"""The segments that hold a number."""
 MOST = 65_536 + 1_024
-"""The longest frame where the definition gives none."""
+"""The longest frame in bytes if the definition sets no limit."""
 _HEADER = "data: bytes | bytearray, start: int, end: int, ctx: Context = DEFAULTS, seen: int = 0"
 
 
 def write_measurer(module: Module, identifier: str, frame: Frame, segments: tuple[Segment, ...]) -> Source:
-    """The source of `measure_…` of a frame."""
+    """Return the source of `measure_…` of a frame."""
     writer = MeasureWriter(module, identifier, segments, MOST if frame.most is None else frame.most)
     writer.write(frame)
     return writer.function(f"How long the frame `{frame.name}` at data[start] is; see the top of the module.")
 
 
 def write_extent(module: Module, identifier: str, frame: Frame, segments: tuple[Segment, ...]) -> Source | None:
-    """The source of `extent_…` of a frame that holds another one which decides on its size; None for others.
+    """Return the source of `extent_…` of a frame whose size depends on an inner frame; None for other frames.
 
-    It says what `measure_…` says, if everything fits, so that what it found is decoded at once.
+    If the frame is valid, it returns the result of `measure_…`; the frame is decoded immediately afterwards.
     """
     writer = ExtentWriter(module, identifier, segments, MOST if frame.most is None else frame.most)
     if not any(isinstance(segment, Inner) for segment in segments):
@@ -77,13 +80,13 @@ def write_extent(module: Module, identifier: str, frame: Frame, segments: tuple[
 
 
 class MeasureWriter(FunctionWriter):
-    """Writes one measuring function. `place` counts from `start` as long as that is fixed, then it is in `at`.
-
-    `asks_inside`: a frame inside decides on the size. `anew`: it is not told how much was looked through behind a part.
+    """Write a measuring function. `place` is relative to `start` while the offset is fixed, then it is the local
+    `at`.
     """
 
     kind = "measure"
     asks_inside = False
+    """Whether the size depends on an inner frame."""
 
     def __init__(self, module: Module, identifier: str, segments: tuple[Segment, ...], most: int) -> None:
         super().__init__(module, segments)
@@ -96,14 +99,16 @@ class MeasureWriter(FunctionWriter):
         self.maybe_absent: set[str] = set()
         self.paths: dict[int, str] = {}
         self.anew = False
+        """Whether `seen` does not apply to the current part, so that searches begin at its start."""
         self.in_digits = False
         self.looks_for_end = False
-        self.item_ends = ""  # what says at the end of an item whether it is the last one
+        self.item_ends = ""
+        """The source of the condition that ends a list after the current item."""
         self.tracked = {path for check in ending_checks(segments) for path in covered_paths(check, segments)}
         self.passed: list[tuple[str, Offset, Offset]] = []
 
     def pairs(self, segments: tuple[Segment, ...], scope: Scope) -> Pairs:
-        """The segments with those of records."""
+        """Return the segments with those of records inlined."""
         found: list[tuple[Segment, Scope]] = []
         for segment in segments:
             if segment.is_record and segment.when is None:
@@ -113,7 +118,7 @@ class MeasureWriter(FunctionWriter):
         return tuple(found)
 
     def _inside(self, record: Segment, scope: Scope) -> Scope:
-        """The names of a record; two cases with a record of one name share them."""
+        """Return the scope of a record, shared by records of the same name in several cases."""
         (name,) = record.value_names
         known = scope.entries.get(name)
         inside = Scope(scope, record.members) if known is None or known.inside is None else known.inside
@@ -122,13 +127,13 @@ class MeasureWriter(FunctionWriter):
         return inside
 
     def path_of(self, scope: Scope) -> str:
-        """Text of where the careful function puts the values of a scope."""
+        """Return the source of the mapping in which the careful function stores the values of a scope."""
         return self.paths.get(id(scope), "fields")
 
     def absent(self, segments: Iterable[Segment], scope: Scope, wrapped: bool = False) -> None:
-        """Gives names that something else depends on no value, as long as nothing has been read that has them.
+        """Write None into needed names whose segments may be absent.
 
-        `wrapped`: they stand in a wrap, of which records are read as one value.
+        `wrapped`: the segments are in a wrap, whose records are read as single values.
         """
         for segment in segments:
             if segment.is_record and not wrapped:
@@ -144,13 +149,16 @@ class MeasureWriter(FunctionWriter):
     # ---- texts --------------------------------------------------------------------------------------------
 
     def text(self, expression: Expression, scope: Scope, level: int = 0) -> str:
-        """Text of an expression; if it can fail, the function will say that the end is lost then."""
+        """Return the source of an expression; if it can fail, the function will return LOST on an error."""
         if may_fail(expression.root) or _names_of(expression) & self.maybe_absent:
             self.may_fail = True
         return self.writer(scope).text(expression, level)
 
     def size_text(self, expression: Expression, scope: Scope, level: int = SUM) -> str:
-        """Text of a size that is not negative. Below 0 without any field of the frame, the frame fits nothing."""
+        """Return the source of a size, with a check for negative values.
+
+        A negative size ends the frame with LOST, or with 0 if no field of the frame is part of it.
+        """
         text = self.text(expression, scope, level)
         if not self.may_be_negative(expression.root):
             return text
@@ -162,7 +170,9 @@ class MeasureWriter(FunctionWriter):
         return local
 
     def set_value(self, name: str, scope: Scope, text: str, record: Segment | None = None) -> str:
-        """Gives a name its value in a local; of a `record` all fields in one, which may be nothing."""
+        """Write the assignment of a value to the local of its name; all fields of a `record` are in one local, which
+        may be None.
+        """
         known = scope.entries.get(name)
         local = self.names.fresh(name) if known is None or known.direct else known.text
         scope.entries[name] = NameEntry(local) if record is None else _whole(local, record)
@@ -172,11 +182,11 @@ class MeasureWriter(FunctionWriter):
     # ---- places and wants ---------------------------------------------------------------------------------
 
     def least(self, after: Pairs) -> int:
-        """The fewest bytes that segments take."""
+        """Return the minimum size of the segments in bytes."""
         return sum(self.static.of(segment).least for segment, _ in after)
 
     def want(self, size: int, after: Pairs) -> None:
-        """Goes on only if `size` more bytes are there; else says how many are wanted at least."""
+        """Write a return of the number of missing bytes unless `size` more bytes are available."""
         least = size + self.least(after)
         if self.place.base == "start":
             wanted = self.place.offset + size
@@ -194,12 +204,12 @@ class MeasureWriter(FunctionWriter):
                 self.add(f"return {more} if {place} - start + {least} <= {self.most} else LOST")
 
     def _is_bounded(self) -> bool:
-        """Whether every such frame is short enough, whatever its values say."""
+        """Return whether every such frame is short enough, regardless of its values."""
         longest = self.static.all(self.segments).most
         return longest is not None and longest <= self.most
 
     def want_until(self, local: str, after: Pairs) -> None:
-        """Goes on only if the bytes up to the place `local` are there."""
+        """Write a return of the number of missing bytes unless the bytes up to the offset `local` are available."""
         least = self.least(after)
         behind = f" + {least}" if least else ""
         with self.out.block(f"if end < {local}:"):
@@ -213,21 +223,21 @@ class MeasureWriter(FunctionWriter):
         self.place = Offset("at", 0)
 
     def settle(self) -> None:
-        """Puts the place into its local."""
+        """Move the offset into its local."""
         if self.place != Offset("at", 0):
             self.advance(self.place.text(""))
 
     def skip(self, size: str) -> None:
-        """Moves on by a size that needs no look at the bytes."""
+        """Move on by a size without reading bytes."""
         if size.isdigit():
             self.place = self.place.plus(int(size))
         else:
             self.advance(f"{self.place.text('')} + {size}")
 
     def resume(self, after: Pairs, overlap: int = 0) -> str | None:
-        """Text of the place a search goes on at; None if it must begin anew.
+        """Return the source of the offset at which a search continues; None if it must begin anew.
 
-        An earlier call may have found the end and wanted what follows it, so that much is looked through again.
+        An earlier call may have found the end and requested the bytes after it, so that many bytes are searched again.
         """
         most = self.static.all(segment for segment, _ in after).most
         if most is None or self.anew:
@@ -235,17 +245,17 @@ class MeasureWriter(FunctionWriter):
         return f"start + seen - {most + overlap}" if most + overlap else "start + seen"
 
     def search(self, what: str, place: str, after: Pairs, overlap: int = 0) -> str:
-        """Text of the place of some bytes from `place` on, -1 if they are not there."""
+        """Return the source of the offset of some bytes from `place` on, -1 if they are missing."""
         resume = self.resume(after, overlap)
         return f"data.find({what}, {place if resume is None else f'max({place}, {resume})'}, end)"
 
     def not_found(self, least: int) -> None:
-        """What to say when an end is not there yet; `least` bytes come with it."""
+        """Write the return for an end that has not arrived yet; at least `least` bytes arrive with it."""
         self.looks_for_end = True
         self.add(f"return -{least} if end - start + {least} <= {self.most} else LOST")
 
     def return_total(self) -> None:
-        """The frame ends at the present place."""
+        """Write the return of the length for a frame that ends at the current offset."""
         if self.place.base == "start":
             total = str(self.place.offset)
             self.add(f"return {total} if end - start >= {total} else end - start - {total}")
@@ -279,7 +289,7 @@ class MeasureWriter(FunctionWriter):
             self.skip(str(type_.size))
 
     def take(self, size: str, after: Pairs) -> None:
-        """Lets `stop` be the end of a segment that has to be read."""
+        """Write the assignment of the end of a segment that must be read to `stop`."""
         self.settle()
         self.add(f"stop = at + {size}")
         self.want_until("stop", after)
@@ -331,7 +341,7 @@ class MeasureWriter(FunctionWriter):
             self.add(f"{local} = {forms.value_of(field, local)}")
 
     def _text(self, segment: Number, scope: Scope, after: Pairs, needed: bool) -> None:
-        """A text that its end marks, or that takes the rest."""
+        """Measure a text with an end mark, or a text that takes the rest."""
         type_ = segment.type
         if not type_.is_delimited:
             self.rest(segment, after)
@@ -339,14 +349,14 @@ class MeasureWriter(FunctionWriter):
         self.settle()
         self.search_end(type_, after)
         with self.out.block("if stop < 0:"):
-            begun = max(map(len, type_.stops), default=0)  # of an end, all bytes but the last may be there already
+            begun = max(map(len, type_.stops), default=0)  # all bytes of a delimiter except the last may have arrived
             self.not_found(max(1 + self.least(after) - begun, 1))
         if needed and isinstance(segment, Field):
             self._read(segment, scope, Offset("at", 0), Offset("stop", 0))
         self.advance(f"stop + {len(type_.end)}" if type_.end is not None else "stop")
 
     def search_end(self, type_: FieldType, after: Pairs) -> None:
-        """Lets `stop` be the place of what ends a value that begins at the local `at`, or -1."""
+        """Write the assignment of the offset of the delimiter, or -1, to `stop`; the value begins at `at`."""
         if type_.end is not None:
             self.add(f"stop = {self.search(bytes_literal(type_.end), 'at', after, len(type_.end))}")
             return
@@ -357,9 +367,9 @@ class MeasureWriter(FunctionWriter):
     # ---- what ends by what follows ------------------------------------------------------------------------
 
     def rest(self, segment: Segment, after: Pairs) -> None:
-        """Something that reaches up to a constant after it, where everything around that fits, else up to silence.
+        """Measure a part that extends to a later constant at which the whole frame fits, or else to silence.
 
-        What stands before the constant, such as a check code, is of fixed size: it is counted back from there.
+        The parts before the constant, such as a check code, have a fixed size and are counted backwards from it.
         """
         place = self._constant(after)
         if place is None:
@@ -393,7 +403,10 @@ class MeasureWriter(FunctionWriter):
         raise Finished
 
     def _code_before(self, before: Pairs) -> str:
-        """A condition, and `and` behind it: the check code right before `at` is right; '' if only reading tells."""
+        """Return the condition that the check code directly before `at` is correct, followed by `and`.
+
+        Empty if only decoding can verify the code.
+        """
         check = code_before_end([one for one, _ in before])
         if check is None:
             return ""
@@ -404,7 +417,7 @@ class MeasureWriter(FunctionWriter):
         return f"{found}.upper() == {wanted if check.form == 'HEX' else f'({wanted}).upper()'} and "
 
     def _constant(self, after: Pairs) -> int | None:
-        """The place of the constant that is looked for; None if there is none, or too little can be told beforehand."""
+        """Return the index of the constant to search for; None if there is none, or its distance is unknown."""
         fixed = (self.static.present(segment).fixed is not None for segment, _ in after)
         if not (all(fixed) and all(self._is_told(*one) for one in after)):
             return None
@@ -412,18 +425,18 @@ class MeasureWriter(FunctionWriter):
         return next(found, None)
 
     def _is_told(self, segment: Segment, scope: Scope) -> bool:
-        """Whether it can be told already if the segment is there."""
+        """Return whether the presence of the segment is already known."""
         when = segment.when
         return when is None or None not in entries_read(when.root, scope, self.field_names)
 
     def _size_of(self, after: Pairs) -> str:
-        """Text of the bytes of segments that are of fixed size when they are there."""
+        """Return the source of the size of segments that have a fixed size when present."""
         fixed, conditional = fixed_and_conditional(self.static, after)
         texts = [f"({size} if {self.text(when, scope, SUM)} else 0)" for size, when, scope in conditional]
         return " + ".join([str(fixed), *texts])
 
     def _until_silence(self, after: Pairs) -> None:
-        """Nothing but silence ends it."""
+        """Write the end by silence. Raises Finished."""
         self.settle()
         behind = self.least(after)
         shortest = f"at - start + {behind}" if behind else "at - start"
@@ -434,11 +447,11 @@ class MeasureWriter(FunctionWriter):
         raise Finished
 
     def inner_size(self, size: str, choice: str, measure: str, arguments: str, seen: str, behind: str) -> None:
-        """Gives the local `size` its value: that of the frame inside."""
+        """Write the assignment of the size of an inner frame to the local `size`."""
         self.add(f"{size} = {measure}({choice}, {arguments}{seen}{behind})")
 
     def function(self, sentence: str) -> Source:
-        """The function around what was written."""
+        """Return the complete function around the lines written so far."""
         out = Source()
         with out.block(f"def {self.kind}_{self.identifier}({_HEADER}) -> int:"):
             write_docstring(out, sentence, "")
@@ -494,9 +507,10 @@ class MeasureWriter(FunctionWriter):
                     self.add("return 0")
 
     def _first_bytes(self) -> Iterator[tuple[int, frozenset[int]]]:
-        """The bytes a frame begins with, as far as constants, `where` and names that may not be others say it.
+        """Yield the possible first bytes of a frame, by constants, `where` and exclusive names.
 
-        Where nothing is read after a bad frame, one that begins otherwise has to be told of: it is no noise.
+        If a bad frame stops reading (`resync: never`), frames with other first bytes are not excluded: they must be
+        reported, as they are no noise.
         """
         if self.module.protocol.receiver.resync == "never":
             return
@@ -509,7 +523,7 @@ class MeasureWriter(FunctionWriter):
             yield place, allowed[place]
 
     def _to_tail(self, tail: Pairs) -> None:
-        """A delimited body ends where the first byte of the tail stands."""
+        """Measure a delimited body, which ends at the first byte of the tail."""
         first = tail[0][0]
         assert isinstance(first, Const)
         self.want(0, tail)
@@ -522,7 +536,7 @@ class MeasureWriter(FunctionWriter):
     # ---- lists --------------------------------------------------------------------------------------------
 
     def list(self, pairs: Pairs, after: Pairs) -> None:
-        """The segments in order. Raises Finished when the rest of the function is written."""
+        """Measure the segments in order. Raises Finished when the rest of the function is written."""
         for place, (segment, scope) in enumerate(pairs):
             behind = (*pairs[place + 1 :], *after)
             first = self._kept(segment, "start")
@@ -534,7 +548,7 @@ class MeasureWriter(FunctionWriter):
                 self.passed.append((segment.path, first, self._kept(segment, "end")))
 
     def _kept(self, segment: Segment, what: str) -> Offset:
-        """The present place; in a local of its own, if a check code covers the segment that begins or ends there."""
+        """Return the current offset, in a local of its own if a check code covers the segment."""
         if segment.path not in self.tracked or self.place.base == "start":
             return self.place
         local = self.names.fresh(f"{(segment.name or 'part').strip('_')}_{what}")
@@ -542,7 +556,7 @@ class MeasureWriter(FunctionWriter):
         return Offset(local, 0)
 
     def runs(self, paths: Iterable[str]) -> Iterator[tuple[Offset, Offset]]:
-        """Where segments stand that have been passed, neighbours together."""
+        """Yield the spans of segments that have been passed, adjacent segments joined."""
         order = [path for path, _, _ in self.passed]
         places = [order.index(path) for path in paths if path in order]
         for at, place in enumerate(places):
@@ -552,7 +566,7 @@ class MeasureWriter(FunctionWriter):
                 yield first, self.passed[place][2]
 
     def branch(self, pairs: Pairs, after: Pairs) -> bool:
-        """Segments of which it is not sure that they are there; whether nothing behind matters any more."""
+        """Measure segments that may be absent; return whether the rest of the function is written."""
         finished = False
         try:
             self.list(pairs, after)
@@ -575,7 +589,7 @@ class MeasureWriter(FunctionWriter):
         if segment.blocks or segment.is_record:
             self._else_absent(segment, scope)
             return
-        names = [name for name in names if name in scope.entries]  # of a frame inside, nothing is read here
+        names = [name for name in names if name in scope.entries]  # values of an inner frame are not read here
         if not names:
             return
         with self.out.block("else:"):
@@ -588,7 +602,7 @@ class MeasureWriter(FunctionWriter):
                 self.add(f"{scope.entries[name].text} = {text}")
 
     def _else_absent(self, segment: Segment, scope: Scope) -> None:
-        """What has names inside that is not there."""
+        """Write the values of the names in an absent segment."""
         out, self.out = self.out, Source()
         self.absent((segment,), scope)
         out, self.out = self.out, out
@@ -598,20 +612,22 @@ class MeasureWriter(FunctionWriter):
 
 
 def _whole(text: str, record: Segment) -> NameEntry:
-    """A record that is one value, as are those in it; each of them may be nothing."""
+    """Return the entry of a record that is held as one value, as are its inner records; each of them may be None."""
     inside = Scope()
     inside.entries = {one.name: _whole("", one) for one in flat(record.members) if one.is_record and one.name}
     return NameEntry(text, "record", inside, may_be_absent=True)
 
 
 def _names_of(expression: Expression) -> set[str]:
-    """Every name in an expression, those of fields of records too."""
+    """Return every name in an expression, including fields of records."""
     fields = {node.name for node in walk(expression.root) if isinstance(node, Attribute)}
     return names_in(expression.root) | fields
 
 
 def needed_names(segments: tuple[Segment, ...], before: tuple[Segment, ...] = ()) -> set[str]:
-    """Names that sizes, counts and conditions depend on, and those these depend on; also of records `before`."""
+    """Return the names that sizes, counts and conditions depend on, directly or indirectly; also in records of
+    `before`.
+    """
     found: set[str] = set()
     values: dict[str, set[str]] = {}
     records = {segment.name for segment in everything((*before, *segments)) if segment.is_record} | {PREVIOUS}
@@ -633,7 +649,7 @@ def needed_names(segments: tuple[Segment, ...], before: tuple[Segment, ...] = ()
 
 
 def size_expressions(segment: Segment) -> list[Expression]:
-    """What decides about the size of a segment, or ends the frame."""
+    """Return the expressions that determine the size of a segment, or end the frame."""
     times = segment.times if isinstance(segment, Repeat) else None
     until = segment.until if isinstance(segment, ItemEnd) else None
     added = [value for _, value in segment.needed()] if isinstance(segment, Check) and segment.ends else []
@@ -642,10 +658,10 @@ def size_expressions(segment: Segment) -> list[Expression]:
 
 
 class ExtentWriter(MeasureWriter):
-    """Writes a measuring function that takes the frame inside at its word."""
+    """Write a measuring function that assumes a valid inner frame."""
 
     kind = "extent"
 
     def inner_size(self, size: str, choice: str, measure: str, arguments: str, seen: str, behind: str) -> None:
-        """Without reading it where one byte tells which frame it is."""
+        """Write the size of the inner frame, without reading it if one byte selects it."""
         self.add(f"{size} = {self.module.function('extent_first')}({choice}, {arguments}{behind})")

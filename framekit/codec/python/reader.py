@@ -1,8 +1,7 @@
-"""Writes decoders: they read a buffer from front to back, the fast path, which only gathers what must hold.
+"""Write decoders: they read a buffer from front to back on the fast path, which only collects conditions.
 
-That an offset lies beyond the end shows when everything is read, at the latest. Which fault it was is found out by
-`diagnosis`. Segments of fixed size are read in runs, by one struct; the kinds of segments write how the others are
-read.
+An offset beyond the end is detected at the latest after everything is read. `diagnosis` determines the fault. Segments
+of fixed size are read in runs with one struct; the kinds of segments write how all others are read.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ START = Offset("", 0)
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """A segment with the scope its names belong to and the dictionary its values go to."""
+    """A segment with the scope of its names and the dictionary of its values."""
 
     segment: Segment
     scope: Scope
@@ -45,36 +44,38 @@ class Item:
 
 
 ANY_WIDTH = 1 << 20
+"""The width in bits of a number whose size is computed."""
 _FEW = 6
-"""Up to so many allowed values are written into the condition."""
+"""Limit of the allowed values that are written into a condition."""
 _FEW_BYTES = 4
-"""So many single bytes are read sooner one by one than by a struct."""
+"""Limit of the single bytes that are read by index, which is faster than a struct."""
 
 
 @dataclass(slots=True)
 class Slot:
-    """One segment of a run: its bytes, its struct code with the order that needs, and the local for its value.
-
-    `source`: where the value is taken from, the local itself once it is unpacked.
-    """
+    """A segment of a run."""
 
     item: Item
     size: int
     code: str
+    """Its struct code."""
     order: str
+    """The byte order that the code requires."""
     local: str | None
+    """The local of its value, or None."""
     source: str = ""
+    """The source of the unpacked value; the local itself after unpacking."""
 
     @property
     def text(self) -> str:
-        """The local of one that has a value."""
+        """Return the local of a slot that has a value."""
         assert self.local is not None
         return self.local
 
 
 @dataclass(slots=True)
 class Chunk:
-    """What takes one value of the struct: a slot, several paddings, or several fields of hex digits."""
+    """The slots that share one struct code: a slot, several paddings, or several fields of hex digits."""
 
     slots: list[Slot]
     local: str | None
@@ -96,14 +97,14 @@ class Chunk:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Something to write that needs what comes later; `is_ready` tells whether all of that has been read."""
+    """A deferred comparison; `is_ready` returns whether everything it compares has been read."""
 
     write: Callable[[], None]
     is_ready: Callable[[], bool]
 
 
 def _records_in(segment: Segment) -> Iterator[Segment]:
-    """The segment if it is a record; those that stand in it if it is a wrap."""
+    """Yield the segment if it is a record, or the records inside it if it is a wrap."""
     if segment.is_record:
         yield segment
     elif segment.is_there_inside:
@@ -112,9 +113,10 @@ def _records_in(segment: Segment) -> Iterator[Segment]:
 
 
 class BufferReader:
-    """Reads one buffer. `buffer` is its text, `at` the local that holds the offset once that is not fixed any more.
+    """Write the reading of a buffer.
 
-    Everything read in a branch goes into dictionaries that are there before.
+    `buffer` is its source, `at` the local of the offset once the offset is variable. Dictionaries for values that are
+    read in a branch exist before the branch.
     """
 
     def __init__(self, function: Function, buffer: str, at: str) -> None:
@@ -125,13 +127,16 @@ class BufferReader:
         self.at = at
         self.place = START
         self.deferred: list[Comparison] = []
-        self.body_begins: Segment | None = None  # of a body that ends at the first byte of the tail
+        self.body_begins: Segment | None = None
+        """The first segment of a body that ends at the first byte of the tail."""
         self.body_place = START
-        self.in_item = False  # of a list: what follows is the next item, not the end of the buffer
-        self.list_end = ""  # the local with the end of the list around, where it reaches to the end of its region
+        self.in_item = False
+        """Whether a list item is read, which is followed by the next item instead of the end of the buffer."""
+        self.list_end = ""
+        """The local with the end of the enclosing list, if the list extends to the end of its region."""
 
     def items(self, segments: Iterable[Segment], scope: Scope, fields: Fields) -> list[Item]:
-        """The segments with those of records, so that structs may reach over their borders."""
+        """Return the segments with those of records inlined, so that structs may extend across record borders."""
         found: list[Item] = []
         for segment in segments:
             if segment.is_record and segment.when is None:
@@ -141,6 +146,7 @@ class BufferReader:
         return found
 
     def record_items(self, record: Segment, scope: Scope, fields: Fields) -> list[Item]:
+        """Return the items of a record, with a scope and a dictionary of their own."""
         (name,) = record.value_names
         inner = Fields(self.function.local(name, scope), (fields, name))
         inside = Scope(scope, record.members)
@@ -150,7 +156,7 @@ class BufferReader:
     # ---- places -------------------------------------------------------------------------------------------
 
     def advance(self, text: str) -> None:
-        """Lets the local of the place be `text`."""
+        """Assign the offset `text` to the local `at`."""
         if text != self.at:
             self.function.flush_using(self.at)
             further = text.removeprefix(f"{self.at} + ")
@@ -158,18 +164,18 @@ class BufferReader:
         self.place = Offset(self.at, 0)
 
     def settle(self) -> None:
-        """Puts the place into its local, so that branches and loops may move it."""
+        """Move the offset into its local, so that branches and loops may change it."""
         self.advance(self.place.text(self.buffer))
 
     def keep(self, place: Offset) -> Offset:
-        """A place that stays when the local moves on."""
+        """Return an offset that stays valid when the local changes."""
         if place.base in ("", "end"):
             return place
         self.function.add(f"start = {place.text(self.buffer)}")
         return Offset("start", 0)
 
     def take(self, item: Item, size: str) -> tuple[Offset, Offset]:
-        """The places of a segment whose size is the text `size` (a sum at most)."""
+        """Return the start and end offset of a segment; `size` is the source of its size (at most a sum)."""
         first = self.keep(self.place)
         start = first.text(self.buffer)
         self.advance(size if start == "0" else f"{start} + {size}")
@@ -177,7 +183,7 @@ class BufferReader:
         return first, self.place
 
     def region_end(self, after: tuple[Item, ...]) -> Offset:
-        """The end of a segment that reaches as far as what follows it leaves room."""
+        """Return the end of a segment that extends to the following segments."""
         told = all(self.static.present(item.segment).fixed is not None and self._is_told(item) for item in after)
         if after and (self.in_item or not told):
             return self._next_constant(after[0])
@@ -190,18 +196,18 @@ class BufferReader:
         return Offset(end, 0)
 
     def knows_behind(self, after: tuple[Item, ...]) -> bool:
-        """Whether the bytes that follow can be counted already."""
+        """Return whether the size of the following bytes is already known."""
         return not self.in_item and all(
             self.static.present(item.segment).fixed is not None and self._is_told(item) for item in after
         )
 
     def _is_told(self, item: Item) -> bool:
-        """Whether it can be told already if the segment is there."""
+        """Return whether the presence of the segment is already known."""
         when = item.segment.when
         return when is None or not self.function.waits_for(when, item.scope)
 
     def _next_constant(self, item: Item) -> Offset:
-        """Where the constant stands that ends what comes before it."""
+        """Return the offset of the constant that ends the segments before it."""
         if not isinstance(item.segment, Const) or item.segment.when is not None:
             raise without_end(item.segment)
         end = self.function.names.fresh("region_end")
@@ -210,7 +216,7 @@ class BufferReader:
         return Offset(end, 0)
 
     def take_rest(self, item: Item, after: tuple[Item, ...]) -> tuple[Offset, Offset]:
-        """The places of a segment that takes everything what follows it leaves."""
+        """Return the start and end offset of a segment that takes all bytes up to the following segments."""
         if self.in_item and not after:
             what = f"nothing shows where {item.segment.title} ends in an item of a list"
             raise not_possible(item.segment, what, "give all in it a size of its own, or put a constant behind it")
@@ -231,7 +237,7 @@ class BufferReader:
         return first, last
 
     def close(self) -> None:
-        """Everything is read: nothing may be left over, and nothing may have been read from beyond the end."""
+        """Add the condition that the whole buffer and no byte beyond its end was read."""
         if self.place.base == "end":
             assert self.place.offset == 0, "segments behind a rest fill the buffer"
             return
@@ -245,20 +251,20 @@ class BufferReader:
         self, item: Item, name: str, local: str, kind: Kind = "value", inside: Scope | None = None, *,
         sized: bool = True, wire: str | None = None,
     ) -> None:  # fmt: skip
-        """The value `name` of a segment is in `local` from now on."""
+        """Record that the value `name` of a segment is in `local` from now on."""
         item.scope.entries[name] = NameEntry(local, kind, inside, sized=sized, wire=wire)
         self.function.locals_of_values[item.segment.sibling_path(name)] = local
         item.fields.add(name, local)
 
     def when_known(self, expression: Expression, scope: Scope, action: Callable[[], None]) -> None:
-        """Does something with an expression at once, or when the fields it reads are there."""
+        """Call an action immediately, or after the fields that the expression reads are available."""
         if self.function.waits_for(expression, scope):
             self.deferred.append(Comparison(action, lambda: not self.function.waits_for(expression, scope)))
         else:
             action()
 
     def finish_deferred(self, *, all_is_read: bool) -> None:
-        """Does what waited for later fields; what they still do not tell is left, unless nothing more comes."""
+        """Write the deferred comparisons that are ready; the others remain deferred unless `all_is_read`."""
         deferred, self.deferred = self.deferred, []
         for one in deferred:
             if all_is_read or one.is_ready():
@@ -267,7 +273,7 @@ class BufferReader:
                 self.deferred.append(one)
 
     def size_text(self, expression: Expression, scope: Scope, level: int = SUM) -> str:
-        """Text of a size; one that can come out negative is kept in a local and looked at."""
+        """Return the source of a size; a size that may be negative is assigned to a local and checked."""
         text = self.function.writer(scope).text(expression, level)
         if not self.function.may_be_negative(expression.root):
             return text
@@ -311,7 +317,7 @@ class BufferReader:
             self.function.mismatch_if(f"{local} not in {names}")
 
     def validate_limits(self, number: Field | Length | Count, local: str) -> None:
-        """Limits that the type does not keep by itself."""
+        """Add the limits that the type does not enforce."""
         if number.limits is None:
             return
         least, most = number.limits
@@ -328,12 +334,12 @@ class BufferReader:
     # ---- check codes --------------------------------------------------------------------------------------
 
     def validate_check(self, check: Check, scope: Scope, local: str, is_slice: bool) -> None:
-        """Compares a check code that was read into `local` with that of its range."""
+        """Compare a check code that was read into `local` with the code of its range."""
         if covers_later(check, self.function.segments):
             if self.function.in_branch:
                 raise not_possible(check, "a check under a condition covers what comes later", "put it behind that")
             code = local
-            if not local.isidentifier():  # the place it is read at is another one by then
+            if not local.isidentifier():  # the offset at which it is read changes until then
                 code = self.function.names.fresh(check.name or "check")
                 self.function.add(f"{code} = {local}")
             self.function.late.append(lambda: self._compare_check(check, scope, code, is_slice))
@@ -347,20 +353,22 @@ class BufferReader:
         self.function.wrong_if(forms.wrong_code(self.module, check, found, code))
 
     def residue(self, check: Check) -> int | None:
-        """What the code over everything up to the check's own end must be; None where it has to be compared."""
+        """Return the code over all bytes up to the check's own end, or None if the codes must be compared."""
         if check.form != "raw" or check.covers is not None or check.verify != "error":
             return None
         return residue_of(check.method, check.size, check.order)
 
     def validate_residue(self, check: Check, residue: int, last: bool) -> None:
-        """One call over the check and all before it, instead of cutting, reading and comparing. `last`: that is all
-        there may be."""
+        """Write a single call over the check and all bytes before it, instead of cutting and comparing.
+
+        `last`: the check ends the buffer.
+        """
         covered = self.buffer if last else between(self.buffer, START, self.place.plus(check.size))
         code = self.module.check(check.method, covered)
         self.function.wrong_if(f"({code}) != {residue:#x}" if not is_call(code) or residue else code)
 
     def range_text(self, check: Check, scope: Scope) -> str:
-        """Text of the bytes a check covers; the check itself begins at the present place."""
+        """Return the source of the bytes that a check covers; the check itself begins at the current offset."""
         if check.covers is None:
             return between(self.buffer, START, self.place)
         texts: list[str] = []
@@ -378,7 +386,7 @@ class BufferReader:
         return " + ".join(text for text in texts if text != 'b""') or 'b""'
 
     def _range_text(self, edges: Edges, covered: list[str]) -> str:
-        """Text of the bytes of a range; in one buffer they are one piece of it."""
+        """Return the source of the bytes of a range, a single slice if it is in one buffer."""
         paths = [path for path in covered if path in self.function.bounds]
         if not paths:
             return 'b""'
@@ -390,7 +398,7 @@ class BufferReader:
         return between(first.buffer, first.first, self.function.bounds[paths[-1]].last)
 
     def length_of_run(self, items: list[Item]) -> int:
-        """How many of the items from the first on fit into one struct."""
+        """Return how many of the first items fit into one struct."""
         order = ""
         for count, item in enumerate(items):
             segment = item.segment
@@ -402,8 +410,10 @@ class BufferReader:
         return len(items)
 
     def read_run(self, items: list[Item], whole: bool, last: bool) -> None:
-        """Reads the items; `whole`: they are all there is, so that the struct itself sees to the buffer's size; `last`:
-        nothing stands behind them."""
+        """Write the reading of a run.
+
+        `whole`: the run is the whole buffer, so that the struct checks the buffer's size; `last`: no bytes follow.
+        """
         slots = [self._slot(item) for item in items]
         chunks = self._chunks(slots)
         base = self.place
@@ -439,7 +449,9 @@ class BufferReader:
         return slot
 
     def _unpacked(self, slot: Slot, converted: bool, last: bool) -> None:
-        """From what the struct gave to the value, and what must hold for it. `self.place`: where the segment begins."""
+        """Write the conversion of an unpacked slot to its value, and its checks; `self.place` is the offset of the
+        segment.
+        """
         segment = slot.item.segment
         if slot.local is not None:
             kind_of(segment).unpacked(self, slot, segment, slot.local if converted else slot.source, converted)
@@ -462,7 +474,7 @@ class BufferReader:
         return chunks
 
     def _unpack(self, chunks: list[Chunk], base: Offset, whole: bool) -> bool:
-        """Writes the line that takes all values; whether it sees to the size of the buffer itself."""
+        """Write the line that unpacks all values; return whether it checks the size of the buffer."""
         wanted = [chunk for chunk in chunks if chunk.local is not None]
         if not wanted:
             return False
@@ -493,7 +505,7 @@ class BufferReader:
         return exact
 
     def _single_bytes(self, chunks: list[Chunk], wanted: list[Chunk], base: Offset) -> bool:
-        """Takes single bytes one by one, if there are few of them at fixed places."""
+        """Read single bytes by index if they are few and at fixed offsets; return whether they are."""
         if len(wanted) > _FEW_BYTES or base.base not in ("", "end") or any(chunk.code != "B" for chunk in wanted):
             return False
         place = base
@@ -504,7 +516,7 @@ class BufferReader:
         return True
 
     def _digits_of(self, chunk: Chunk) -> None:
-        """Neighbouring fields of hex digits become their numbers in one go."""
+        """Write the conversion of adjacent fields of hex digits to their numbers, all at once."""
         self.module.imports.add("from binascii import unhexlify")
         codes, orders = "", set()
         for slot in chunk.slots:
@@ -520,7 +532,7 @@ class BufferReader:
     # ---- what becomes of the values -----------------------------------------------------------------------
 
     def _compare_constant(self, constant: tuple[Offset, bytes, bool] | None) -> None:
-        """Compares what stands at a place with constants; one of them may be `refused`."""
+        """Write the comparison of constants: their offset, their bytes, and whether one of them may cause a refusal."""
         if constant is None:
             return
         place, data, refused = constant
@@ -534,7 +546,7 @@ class BufferReader:
             self.function.wrong_at_last_if(condition)
 
     def value_text(self, number: Field | Length | Count, local: str, wire: str) -> str:
-        """Text of the value; a wire value that is looked at twice is put into the local first."""
+        """Return the source of the value; a wire value that is used twice is assigned to the local first."""
         if forms.reads_twice(number) and wire != local:
             self.function.add(f"{local} = {wire}")
             wire = local
@@ -545,7 +557,7 @@ class BufferReader:
             self.function.add(f"{local} = {text}")
 
     def wire(self, type_: FieldType, source: str, converted: bool) -> str:
-        """Text of the wire value of what the struct gave."""
+        """Return the source of the wire value, given the unpacked source."""
         if converted or not forms.is_slice(type_):
             return source
         if type_.kind == "bcd" and type_.fixed_size == 1:
@@ -558,13 +570,13 @@ class BufferReader:
         return f"{raw}[0]" if places == 1 else f"int.from_bytes({raw}, {quoted(type_.order)})"
 
     def sized_number(self, item: Item, segment: Length | Count | Bits) -> str:
-        """Text of the number on the wire."""
+        """Return the source of an encoded number of computed size."""
         size = segment.type.size
         first, last = self.take(item, self.size_text(size, item.scope) if isinstance(size, Expression) else str(size))
         return forms.parse(self.module, segment.type, between(self.buffer, first, last))
 
     def conditional(self, items: list[Item], after: tuple[Item, ...]) -> None:
-        """Segments under one `when`; a field that is absent has its default."""
+        """Write the reading of segments under a common condition; an absent field has its default."""
         first = items[0]
         assert first.segment.when is not None
         condition = self.function.writer(first.scope).text(first.segment.when)
@@ -579,14 +591,14 @@ class BufferReader:
         self._branches([(f"if {condition}:", inside)], after, items)
 
     def _is_known_condition(self, item: Item) -> bool:
-        """Whether it is a condition of the frame that can be told already."""
+        """Return whether the item is a `require` whose condition can already be evaluated."""
         condition = item.segment.condition
         return condition is not None and not self.function.waits_for(condition, item.scope)
 
     def _branches(
         self, branches: list[tuple[str, list[Item]]], after: tuple[Item, ...], absent: Iterable[Item]
     ) -> None:
-        """Code for cases of which one or none is taken. `absent`: what gets its default if none is."""
+        """Write cases of which at most one is taken; if none is, the items in `absent` get their defaults."""
         function = self.function
         for _, items in branches:
             for item in items:
@@ -616,14 +628,16 @@ class BufferReader:
     def _branch(
         self, items: list[Item], after: tuple[Item, ...], unconditional: set[tuple[int, str | None]], flags: _Flags
     ) -> None:
-        """The segments of one case. `unconditional`: values that are added after all cases, as mapping and name."""
+        """Write the segments of a case. `unconditional`: mapping and name of the values that are added after all
+        cases.
+        """
         expanded: list[Item] = []
         for item in items:
             if item.segment.is_record and item.segment.when is None:
                 expanded.extend(self.record_items(item.segment, item.scope, item.fields))
             else:
                 expanded.append(item)
-        outside, self.deferred = self.deferred, []  # what waits outside is compared behind all branches
+        outside, self.deferred = self.deferred, []  # comparisons deferred outside are written after all branches
         self.read_items(expanded, after)
         self.finish_deferred(all_is_read=False)
         left, self.deferred = self.deferred, outside
@@ -640,7 +654,7 @@ class BufferReader:
             item.fields.entries = [entry for entry in item.fields.entries if (mapping, entry[0]) not in unconditional]
         self.function.flush()
         for item in (*expanded, *items):
-            if holds_values(item.segment):  # else what waits was read before the branch
+            if holds_values(item.segment):  # otherwise the deferred value was read before the branch
                 item.fields.flush(self.function.out)
         if left:
             self._compare_behind(flags.raised(), left, [item.fields for item in (*expanded, *items)])
@@ -648,7 +662,7 @@ class BufferReader:
             self.advance(self.place.text(self.buffer))
 
     def _compare_behind(self, flag: str, left: list[Comparison], fields: list[Fields]) -> None:
-        """What a branch leaves to be compared is compared later, if that branch was taken."""
+        """Defer the remaining comparisons of a branch; they apply only if that branch was taken."""
 
         def write() -> None:
             self.function.flush()
@@ -664,7 +678,9 @@ class BufferReader:
         self.deferred.append(Comparison(write, lambda: all(one.is_ready() for one in left)))
 
     def _else_lines(self, known: list[tuple[Scope, set[str]]], defaults: list[Item], items: list[Item]) -> list[str]:
-        """What has to be so when nothing was read: defaults, and names that expressions may ask for."""
+        """Return the lines for the case that no branch was taken: defaults, and None for names that expressions may
+        read.
+        """
         function = self.function
         lines, done = [], {item.segment.name for item in defaults}
         for item in defaults:
@@ -683,7 +699,7 @@ class BufferReader:
                 bounds = function.bounds.get(segment.path)
                 if segment.path in function.tracked and bounds is not None:
                     bases = [place.base for place in (bounds.first, bounds.last) if place.base not in ("", "end")]
-                    here = self.at if bounds.buffer == self.buffer else "0"  # of a wrap that is not there
+                    here = self.at if bounds.buffer == self.buffer else "0"  # in a wrap that is absent
                     lines += [" = ".join((*dict.fromkeys(bases), here))] if bases else []
                     own = {segment.name or "", *segment.value_names} if segment.holder == item.segment.holder else set()
                     for name in own & item.scope.entries.keys():
@@ -691,7 +707,7 @@ class BufferReader:
         return lines
 
     def prepare_names(self, items: list[Item]) -> None:
-        """Names of cases that expressions elsewhere may read have a local before any case is taken."""
+        """Declare a local for each name of a case that expressions elsewhere may read."""
         function = self.function
         for item in items:
             for segment in flat((item.segment,)):
@@ -722,7 +738,7 @@ class BufferReader:
                 function.add(MISMATCH)
 
     def read(self, segments: Iterable[Segment], scope: Scope, fields: Fields, *, all_is_read: bool = True) -> None:
-        """Reads the segments of a whole buffer or item; `all_is_read`: nothing else of the frame comes later."""
+        """Write the reading of the segments of a buffer or item; `all_is_read`: no other part of the frame follows."""
         items = self.items(segments, scope, fields)
         self.read_items(items, ())
         self.finish_deferred(all_is_read=all_is_read)
@@ -747,7 +763,7 @@ class BufferReader:
             else:
                 kind_of(item.segment).read(self, item, item.segment, (*items[place + 1 :], *after))
             for one in items[place : place + count]:
-                one.fields.attach()  # of a record, also where nothing in it has a value
+                one.fields.attach()  # attach records too that hold no values
             place += count
 
     def _keep_body_place(self) -> None:
@@ -759,7 +775,7 @@ class BufferReader:
 
 
 class _Flags:
-    """Locals that tell later which of several branches was taken; each is false before all of them."""
+    """Locals that record which of several branches was taken; each is false before the branches."""
 
     def __init__(self, function: Function) -> None:
         self._function = function
@@ -767,7 +783,7 @@ class _Flags:
         self._depth = function.out.depth
 
     def raised(self) -> str:
-        """A new one that the branch being written makes true."""
+        """Return a new flag that the current branch sets to true."""
         flag = self._function.names.fresh("is_there")
         line = Source(self._depth)
         line.add(f"{flag} = False")
@@ -777,34 +793,34 @@ class _Flags:
 
 
 def holds_values(segment: Segment) -> bool:
-    """Whether it has a value, or something inside it."""
+    """Return whether a segment has a value or contains segments with values."""
     return any(one.value_names for one in flat((segment,)))
 
 
 def without_end(segment: Segment) -> DefinitionError:
-    """The complaint about a segment of which nothing says where it begins."""
+    """Return the error for a segment whose beginning is undefined."""
     what = "nothing says where the segment before this one ends"
     return not_possible(segment, what, "give it a size, or a constant behind")
 
 
 def not_possible(segment: Segment, what: str, todo: str) -> DefinitionError:
-    """The complaint about something that cannot be compiled."""
+    """Return the error for a definition that cannot be compiled."""
     return DefinitionError([Problem(segment.at, what, todo)])
 
 
 def type_of(segment: Segment) -> FieldType:
-    """The type of a segment that has one."""
+    """Return the type of a segment that has one type."""
     assert isinstance(segment, (Field, Bits, Length, Count))
     return segment.type
 
 
 def shown_name(segment: Segment, otherwise: str) -> str:
-    """A segment's own name; `otherwise` when it has none."""
+    """Return a segment's own name, or `otherwise` if it has no name."""
     return otherwise if segment.name is None or segment.name.startswith("_") else segment.name
 
 
 def _join_as_digits(chunk: Chunk, slot: Slot) -> bool:
-    """Whether a field of hex digits may be decoded together with those before it."""
+    """Return whether a field of hex digits may be decoded together with the fields before it."""
     types = []
     for other in (*chunk.slots, slot):
         if not isinstance(other.item.segment, (Field, Bits, Length, Count)):
@@ -817,7 +833,7 @@ def _join_as_digits(chunk: Chunk, slot: Slot) -> bool:
 
 
 def _same_condition(items: list[Item], start: int) -> int:
-    """How many segments from `start` on stand under the same `when`."""
+    """Return how many segments from `start` on have the same `when`."""
     first, count = items[start], 1
     for item in items[start + 1 :]:
         when = item.segment.when

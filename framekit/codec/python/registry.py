@@ -1,5 +1,7 @@
-"""The kinds of segments by their class in the model (`codec.kinds` fills it), and frames in their words for docstrings:
-`station u8 · function u8 = 3 · count u16 big · check crc16-arc`.
+"""Register the kinds of segments by model class, and describe frames for docstrings.
+
+`codec.kinds` fills the registry. A description looks like `station u8 · function u8 = 3 · count u16 big · check
+crc16-arc`.
 """
 
 from __future__ import annotations
@@ -13,15 +15,16 @@ from framekit.codec.python.source import Source
 from framekit.definition.model.segments import FieldType, Segment
 
 KINDS: dict[type[Segment], Any] = {}
+"""The kinds of segments, by model class."""
 
 
 def kind_of(segment: Segment) -> Any:
-    """The kind of a segment. Raises KeyError if it is not registered."""
+    """Return the kind of a segment. Raises KeyError if it is not registered."""
     return KINDS[type(segment)]
 
 
 def struct_order(segment: Segment) -> str | None:
-    """The byte order a segment needs in a struct ('' for any); None if it does not fit into one."""
+    """Return the byte order of a segment in a struct ('' for any); None if no struct can hold it."""
     found: str | None = None if segment.when is not None else kind_of(segment).struct_order(segment)
     return found
 
@@ -30,12 +33,14 @@ _DIGITS = {16: "hex", 10: "dec", 8: "oct"}
 
 
 def summary(segments: Iterable[Segment]) -> str:
-    """The segments in order."""
+    """Return the description of the segments in order."""
     return " · ".join(part for segment in segments if (part := _with_condition(segment)))
 
 
 def write_docstring(out: Source, first: str, layout: str, *more: str, notes: Sequence[str] = ()) -> None:
-    """A docstring: one line if everything fits, else the sentence, a blank line and the layout; `notes` at its end."""
+    """Write a docstring: one line if everything fits, else the sentence, a blank line and the layout; `notes` at its
+    end.
+    """
     lines = [first]
     for text in (layout, *more):
         if text:
@@ -55,7 +60,7 @@ def _with_condition(segment: Segment) -> str:
 
 
 def type_text(type_: FieldType) -> str:
-    """A type as the language writes it: `u16 little`, `hex 4`, `ascii 8`."""
+    """Return a type in the notation of the language: `u16 little`, `hex 4`, `ascii 8`."""
     size = type_.fixed_size
     if type_.kind == "int" and size is not None:
         order = "" if size == 1 else f" {type_.order}"
