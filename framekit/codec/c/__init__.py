@@ -1,4 +1,4 @@
-"""C99 from a definition: a header and a source that decode, encode and measure its frames, with nothing to link.
+"""Generate C99 from a definition: a header and a source that decode, encode and measure its frames, without libraries.
 
-What cannot be said in C is told (`Left`), and left out: nothing here only looks done.
+Parts without a C form are reported (`CannotSayError`) and left out, so that no generated function is incomplete.
 """

@@ -1,4 +1,6 @@
-"""Check codes in C: a function for each method, which works bytes in one piece after the other; a code on the wire."""
+"""Write check codes in C: a function per method, which processes adjacent pieces of bytes, and the encoding of a
+code.
+"""
 
 from __future__ import annotations
 
@@ -13,18 +15,20 @@ from framekit.definition.problems import CannotSayError, Position
 
 
 class CheckFile(CFacts, Protocol):
+    """The file that the functions are written into."""
+
     def function(self, name: str, code: CSource) -> None: ...
 
 
 class CheckFunctions:
-    """The functions of the methods that a file uses, by what they compute."""
+    """The functions of the check methods that a file uses, by method."""
 
     def __init__(self, file: CheckFile) -> None:
         self.file = file
         self.known: dict[CheckMethod, tuple[str, int]] = {}
 
     def of(self, method: CheckMethod, at: Position) -> tuple[str, int]:
-        """The name of the function of a method, and what its code starts with. Raises CannotSayError."""
+        """Return the name of the function of a method, and the initial value of its code. Raises CannotSayError."""
         if method not in self.known:
             if method.is_keyed:
                 raise CannotSayError(at, f"'{method.name}', a code that is made with a key")
@@ -37,7 +41,7 @@ class CheckFunctions:
         return self.known[method]
 
     def finished(self, method: CheckMethod, code: str) -> str:
-        """Text of the code, when all bytes are worked in."""
+        """Return the text of the code after all bytes are processed."""
         ones = (1 << method.width) - 1
         if method.kind in ("sum7", "xor7"):
             ones = (1 << min(method.width, 7)) - 1
@@ -130,7 +134,7 @@ class CheckFunctions:
 
 
 def finish_code(r: Any, segment: Check, code: str) -> None:
-    """Makes of what all bytes came to the number that stands on the wire, cut to the room that it has there."""
+    """Write the conversion of the accumulated code to the encoded number, cut to its encoded size."""
     text = r.file.checks.finished(segment.method, code)
     bits = {"raw": 8, "nibbles": 4, "hex": 4, "HEX": 4, "dec": 0}[segment.form] * segment.size
     if bits and segment.method.width > bits:
@@ -139,7 +143,7 @@ def finish_code(r: Any, segment: Check, code: str) -> None:
 
 
 def put_code(r: Any, segment: Check, code: str, target: str) -> None:
-    """Writes how a check code stands on the wire."""
+    """Write the encoding of a check code."""
     little = "true" if segment.order == "little" else "false"
     match segment.form:
         case "raw":

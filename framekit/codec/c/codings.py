@@ -1,4 +1,4 @@
-"""Wraps in C: how content is taken off the wire, and put on it; a row for each coding, by its class."""
+"""Write wraps in C: the decoding and encoding of their content; a row for each coding, by its class."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from framekit.definition.problems import CannotSayError
 def open_wrap(
     r: Any, segment: Wrap, opened: str, room: str, capacity: int, fixed: int | None, has_content: str, here: Any
 ) -> bool:
-    """Puts the content of the wire bytes of `opened` into the room; whether it may be that they hold none."""
+    """Write the decoding of the bytes of `opened` into a buffer of the struct; return whether it may fail."""
     coding = segment.coding
     r.embedded = r.embedded_in(segment)
     raw = f"{opened}.raw, {opened}.raw_size"
@@ -51,18 +51,19 @@ def open_wrap(
 
 @dataclass(frozen=True, slots=True)
 class Way:
-    """How content is taken off the wire. `map`: finds places of it; `how`: what that has to know (`struct fk_coding`).
-
-    `function`: takes it off, a helper or one of the file's own, with these `arguments` behind the bytes; `has_room`: it
-    is told how much room there is.
-    """
+    """The decoding of a content."""
 
     map: str
+    """The helper that maps offsets of the content to offsets of the encoded bytes."""
     function: str
+    """The decoding function, a helper or a function of the file."""
     arguments: str = ""
+    """Its arguments after the bytes."""
     how: str = ""
+    """The values that the map needs (`struct fk_coding`)."""
     is_helper: bool = True
     has_room: bool = True
+    """Whether the decoding function takes the size of the buffer."""
 
 
 def _doubled(r: Any, coding: Doubled, fixed: int | None) -> Way:
@@ -103,7 +104,7 @@ def _escaped(r: Any, coding: Escaped, fixed: int | None) -> Way:
                     else:
                         code.add(f"default: byte = (uint8_t)(raw[at] ^ {coding.flip}); break;")
                 never = sorted(coding.never)
-                if never:  # such a byte stands nowhere, not behind the escape byte either
+                if never:  # such a byte is forbidden, even after the escape byte
                     tests = " || ".join(f"raw[at] == {one}" for one in never)
                     code.when(tests, "right = false;")
             never = sorted(coding.never)
@@ -151,7 +152,7 @@ def _blocks(r: Any, coding: Blocks, fixed: int | None) -> Way:
 
 
 class _Lines:
-    """A function by itself, as far as the writers of check codes ask it."""
+    """A separate function, as far as the writers of check codes need it."""
 
     def __init__(self, file: Any, code: CSource) -> None:
         self.file = file
@@ -175,7 +176,7 @@ _OPEN: dict[type[Coding], Callable[[Any, Any, int | None], Way]] = {
 
 
 def wrap_up(w: Any, segment: Wrap, inside: str) -> None:
-    """Puts the content of `inside` on the wire."""
+    """Write the encoding of the content of `inside`."""
     coding, content = segment.coding, f"{inside}.data, {inside}.at"
     match coding:
         case Hex():

@@ -1,8 +1,8 @@
-"""Expressions of a definition as C: what kind of value each part has, and between which numbers it lies.
+"""Translate expressions of a definition to C, with the kind and the range of each part.
 
-Python's numbers have no end; those of C do. So the range of every part is worked out from the types of the fields, and
-an expression that might leave 64 bits is refused, not cut. What cannot be worked out at run time (a division by zero, a
-value that is not there) sets the flag `bad`, and gives 0.
+Numbers are unbounded in Python and bounded in C. So the range of every part is computed from the types of the fields,
+and an expression that might exceed 64 bits is refused instead of truncated. A part without a value at run time (a
+division by zero, an absent value) sets the flag `bad` and results in 0.
 """
 
 from __future__ import annotations
@@ -33,31 +33,35 @@ from framekit.definition.expression import (
 from framekit.definition.problems import CannotSayError
 
 LEAST, MOST = -(1 << 63), (1 << 63) - 1
+"""The range of an int64_t."""
 Kind = Literal["number", "bytes", "none", "record", "list", "other"]
 
 
 @dataclass(frozen=True, slots=True)
 class Val:
-    """A value in C. `text`: an int64_t, or a struct framekit_bytes; `there`: the condition under which it is not
-    nothing, '' if it always is something; `known`: that under which it has been read; `constant`: its value, if that is
-    always the same; `fold`: it is compared in small or capital letters.
-
-    `inside`: the names in a record; `item`: those in an item of a list, whose texts hold `@` where its number stands;
-    `at_item`: an entry of an item. `wire`: text of its bytes on the wire, of its items, or whether it is there.
-    """
+    """A value in C."""
 
     kind: Kind
     text: str = ""
+    """An expression of the type int64_t or struct framekit_bytes."""
     low: int = LEAST
     high: int = MOST
     there: str = ""
+    """The condition under which the value is present; '' if it always is."""
     known: str = ""
+    """The condition under which the value has been read; '' if it always has."""
     item: CScope | None = None
+    """The names in an item of a list; `@` in their texts is a placeholder for the index."""
     at_item: str = ""
+    """The text of a value of an item."""
     constant: int | bytes | None = None
+    """The value if it is constant."""
     fold: str = ""
+    """The letter case of the comparison, 'lower' or 'upper'; '' for exact comparison."""
     inside: CScope | None = None
+    """The names in a record."""
     wire: str = ""
+    """The text of its encoded size, of its number of items, or of its presence."""
     least_size: int = 0
     most_size: int | None = None
     is_flag: bool = False
@@ -66,7 +70,7 @@ class Val:
 
 @dataclass(slots=True)
 class CScope:
-    """Values by the names that expressions have for them, the innermost first."""
+    """Values by the names in expressions, searched from the innermost scope outwards."""
 
     parent: CScope | None = None
     entries: dict[str, Val] = field(default_factory=dict)
@@ -81,7 +85,7 @@ class CScope:
 
 
 class CFacts(Protocol):
-    """What expressions need of the file around them."""
+    """The file around expressions, as far as they need it."""
 
     def helper(self, name: str) -> str: ...
     def given(self, node: Name) -> Val: ...
@@ -95,7 +99,7 @@ def constant(value: int | bytes) -> Val:
 
 
 class CExpressionWriter:
-    """Writes expressions for one place."""
+    """Translate expressions in a scope."""
 
     def __init__(self, outside: CFacts, scope: CScope) -> None:
         self.outside = outside
@@ -107,15 +111,15 @@ class CExpressionWriter:
         return self.node(expression.root)
 
     def number(self, expression: Expression) -> Val:
-        """A number that is there; anything else sets `bad`."""
+        """Return a number that is present; any other value sets `bad` at run time."""
         return self._number(self.node(expression.root), expression.root)
 
     def condition(self, expression: Expression) -> str:
-        """Text that tells whether the expression holds."""
+        """Return the text of the condition that the expression is true."""
         return self.truth(expression.root)
 
     def bytes(self, value: Val) -> str:
-        """Text of a struct framekit_bytes."""
+        """Return the text of a struct framekit_bytes."""
         if value.constant is not None and isinstance(value.constant, bytes):
             view = self.outside.helper("view")
             return f"{view}((const uint8_t *){string(value.constant)}, {len(value.constant)})"
@@ -158,7 +162,7 @@ class CExpressionWriter:
         raise CannotSayError(node.at, f"{type(node).__name__.lower()} in an expression")
 
     def _read(self, value: Val) -> Val:
-        """A value where it is read: one that has not been read sets `bad`."""
+        """Return a value as it is read: a value that is not available yet sets `bad` at run time."""
         if not value.known or value.kind not in ("number", "bytes"):
             return value
         if value.kind == "number":
@@ -303,7 +307,7 @@ class CExpressionWriter:
             if fold:
                 if {first.fold, second.fold} == {"lower", "upper"}:
                     raise CannotSayError(node.at, "small letters compared with capitals")
-                for one in (first, second):  # what is not folded has to be folded already
+                for one in (first, second):  # a side that is not folded must be folded already
                     if not one.fold and not isinstance(one.constant, bytes):
                         raise CannotSayError(node.at, "lower() or upper() on one side, and no constant on the other")
                     if not one.fold and isinstance(one.constant, bytes):
@@ -375,7 +379,7 @@ class CExpressionWriter:
         return Val("bytes", f"{at}({self.bytes(value)}, {place.text}, &bad)", fold=value.fold, most_size=1)
 
     def _item(self, value: Val, item: CScope, index: Node) -> Val:
-        """One item of a list, which may have fewer."""
+        """Return an item of a list by its index; an index beyond the end sets `bad` at run time."""
         (place,) = self.numbers(index)
         if place.low < 0:
             raise CannotSayError(index.at, "an item counted from the end of a list")

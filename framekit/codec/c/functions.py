@@ -1,4 +1,4 @@
-"""What the writers of all functions of C share: lines, locals, labels, where segments stand, numbers on the wire."""
+"""Hold the common state of generated C functions: lines, locals, labels, spans of segments, and encoded numbers."""
 
 from __future__ import annotations
 
@@ -23,21 +23,20 @@ from framekit.definition.problems import CannotSayError, Problem
 
 @dataclass(frozen=True, slots=True)
 class CKind:
-    """What the C of a kind of segment is (`kinds`): `read`, `put` and `measure` write statements of its functions.
-
-    `values`: gives what brings its values into locals before bytes are put together; None: it has none. `put`: None
-    where it takes no bytes. `measure`: None where its bytes are passed, as many as there always are.
-    """
+    """The C of a kind of segment (`kinds`): `read`, `put` and `measure` write statements of its functions."""
 
     model: type[Segment]
     read: Callable[..., None]
     values: Callable[..., list[Task]] | None = None
+    """Returns the tasks that assign its values to locals before bytes are assembled; None if it has no values."""
     put: Callable[..., None] | None = None
+    """Writes its bytes; None if it takes no bytes."""
     measure: Callable[..., None] | None = None
+    """Measures it; None for a segment of constant size, which is skipped."""
 
 
 class FileFacts(CFacts, Protocol):
-    """What the writer of a function asks of the file that is being written."""
+    """The file around a function, as far as the function's writer needs it."""
 
     kinds: Mapping[type[Segment], CKind]
     prefix: str
@@ -45,9 +44,9 @@ class FileFacts(CFacts, Protocol):
     layouts: Layouts
     checks: CheckFunctions
     context: str
-    """How functions declare the context as a parameter behind others; '' if nothing needs one."""
+    """The declaration of the context as a further parameter; '' if no function needs it."""
     hand_on: str
-    """How it is handed on."""
+    """The context as a further argument."""
 
     def to_give(self, frame: str, name: str, problem: Problem) -> None: ...
     def frame_enum(self, frame: str) -> str: ...
@@ -62,7 +61,7 @@ class FileFacts(CFacts, Protocol):
 
 
 def order_of_bytes(type_: FieldType, size: int) -> list[int]:
-    """Where the bytes of a number stand, the most significant first."""
+    """Return the offsets of the bytes of a number, most significant first."""
     places = list(range(size))
     if type_.order == "little":
         return places[::-1]
@@ -75,12 +74,12 @@ def order_of_bytes(type_: FieldType, size: int) -> list[int]:
 
 
 def stands(span: str, data: str, first: str, last: str) -> tuple[str, ...]:
-    """The statements that keep where a segment stands."""
+    """Return the statements that store the span of a segment."""
     return f"{span}.data = {data};", f"{span}.first = {first};", f"{span}.last = {last};", f"{span}.there = true;"
 
 
 class CFunctionWriter:
-    """One function: its lines, and what its locals are called."""
+    """Write a function: its lines and its locals."""
 
     def __init__(self, file: FileFacts, segments: Segments) -> None:
         self.file = file
@@ -92,7 +91,7 @@ class CFunctionWriter:
         self.by_name = {segment.name: segment for segment in everything(segments) if segment.name}
         self.by_path = {segment.path: segment for segment in everything(segments) if segment.name}
         self.all_paths = {path for segment in everything(segments) for path in paths_of(segment)}
-        """The paths of the segments and of all values in them."""
+        """The paths of the segments and of their values."""
         self.by_value_name: dict[str, list[Segment]] = {}
         for segment in everything(segments):
             for name in segment.value_names:
@@ -102,7 +101,7 @@ class CFunctionWriter:
         self.spans: dict[str, str] = {}
 
     def _tracked(self) -> set[str]:
-        """The paths of segments whose places are asked for."""
+        """Return the paths of the segments whose spans are needed."""
         found: set[str] = set()
         for segment in everything(self.segments):
             if isinstance(segment, Check):
@@ -123,8 +122,10 @@ class CFunctionWriter:
         begin: Iterable[str] = (),
         end: Iterable[str] = (),
     ) -> CSource:
-        """The whole function. `first`: its first declaration; `more`: locals beside its own; `given`: a parameter that
-        may be unused, and how lines use it; `begin`, `end`: what stands before its lines and behind them.
+        """Return the whole function.
+
+        `first`: its first declaration; `more`: further locals; `given`: a parameter that may be unused, and its form in
+        the lines; `begin`, `end`: lines before and after its own lines.
         """
         lines, locals_ = pruned(lines, ["bool bad = false;", *more, *self.locals])
         body = "\n".join(lines)
@@ -143,7 +144,7 @@ class CFunctionWriter:
     # ---- names --------------------------------------------------------------------------------------------
 
     def fresh(self, name: str) -> str:
-        """A name that no other local has."""
+        """Return a name that no other local has."""
         base = identifier(name)
         found, count = base, 1
         while found in self.used:
@@ -153,13 +154,13 @@ class CFunctionWriter:
         return found
 
     def local(self, type_: str, name: str, start: str = "0") -> str:
-        """A local of the whole function, with what it is at first."""
+        """Return a new local of the whole function, with its initial value."""
         found = self.fresh(name)
         self.locals.append(f"{type_} {found} = {start};")
         return found
 
     def span(self, path: str) -> str | None:
-        """The local with the place of a segment, if something asks for that."""
+        """Return the local of the span of a segment, or None if the span is not needed."""
         if path not in self.tracked:
             return None
         if path not in self.spans:
@@ -169,14 +170,14 @@ class CFunctionWriter:
         return self.spans[path]
 
     def kind_of(self, segment: Segment) -> CKind:
-        """What the C of a segment is. Raises CannotSayError for a kind that C does not have."""
+        """Return the C of a segment's kind. Raises CannotSayError for an unsupported kind."""
         found = self.file.kinds.get(type(segment))
         if found is None:
             raise CannotSayError(segment.at, f"a segment of the kind '{segment.KEY or type(segment).__name__.lower()}'")
         return found
 
     def kept(self, value: Val, name: str) -> str:
-        """The local with a number, or its text if it is always the same."""
+        """Return a local with a number, or the text of a constant number."""
         if value.constant is not None:
             return value.text
         local = self.local("int64_t", name)
@@ -184,11 +185,13 @@ class CFunctionWriter:
         return local
 
     def keep(self, local: str, text: str) -> None:
-        """Puts what is worked out into a local, and leaves the function, or tells, where it cannot be."""
+        """Write the assignment of a computed value to a local; if it fails, the function returns or records a
+        failure.
+        """
         raise NotImplementedError
 
     def worked_out(self, local: str, text: str, if_bad: Callable[[], tuple[str, ...]]) -> None:
-        """Puts what is worked out into a local. `if_bad`: gives what is done where it cannot be."""
+        """Write the assignment of a computed value to a local; `if_bad` returns the statements for a failure."""
         if "&bad" not in text:
             self.add(f"{local} = {text};")
             return
@@ -196,10 +199,10 @@ class CFunctionWriter:
         self.when("bad", *if_bad())
 
     embedded = "NULL, 0"
-    """What may stand in the content of the wrap that is written: the table of it and how many there are."""
+    """The table of the frames embedded in the current wrap, and their number, as arguments."""
 
     def embedded_in(self, wrap: Wrap) -> str:
-        """The table of the frames that may stand anywhere in a wrap, and how many there are."""
+        """Return the table of the frames that may be embedded anywhere in a wrap, and their number, as arguments."""
         rows = []
         for name in wrap.inside:
             segments = self.file.layouts.frames[name].segments
@@ -213,7 +216,7 @@ class CFunctionWriter:
         return f"{table}, {len(rows)}"
 
     def stops(self, type_: FieldType) -> str:
-        """The table of the bytes before which a value ends, and how many there are."""
+        """Return the table of the delimiters before which a value ends, and their number, as arguments."""
         table = self.fresh("stops")
         rows = ", ".join(f"{{ {string(one)}, {len(one)} }}" for one in type_.stops)
         self.locals.append(f"static const struct fk_stop {table}[] = {{ {rows} }};")
@@ -226,7 +229,7 @@ class CFunctionWriter:
 
     @contextmanager
     def where(self, condition: str) -> Iterator[None]:
-        """What is done where a condition holds; '' for one that always does."""
+        """Write lines that run if a condition holds; '' for an unconditional block."""
         if condition:
             with self.block(f"if ({condition})"):
                 yield
@@ -234,7 +237,7 @@ class CFunctionWriter:
             yield
 
     def value_local(self, name: str, *, is_text: bool) -> str:
-        """A local for a number, or for a text or bytes."""
+        """Return a new local for a number, or for a text or bytes."""
         return self.local("struct framekit_bytes", name, "{ NULL, 0 }") if is_text else self.local("int64_t", name)
 
     def add(self, *lines: str) -> None:
@@ -250,7 +253,7 @@ class CFunctionWriter:
         return self.writer(scope).number(expression)
 
     def default_value(self, segment: Field, default: Expression, scope: CScope) -> Val:
-        """A default; one that is a name of `values` is its number."""
+        """Return a default, with a name from `values` replaced by its number."""
         if segment.values is not None and isinstance(default.root, Text):
             for number, name in segment.values.items():
                 if name == default.root.value:
@@ -260,7 +263,7 @@ class CFunctionWriter:
     # ---- numbers on the wire ------------------------------------------------------------------------------
 
     def read_number(self, type_: FieldType, raw: str, size: str, at: Segment) -> tuple[str, str]:
-        """The text of the number behind bytes; that of the condition under which they show none, if they may not."""
+        """Return the text of an encoded number, and the call that detects invalid bytes; '' if all bytes are valid."""
         helper = self.file.helper
         match type_.kind:
             case "int" if type_.fixed_size is not None:
@@ -310,7 +313,7 @@ class CFunctionWriter:
         return "got"
 
     def decimal_form(self, type_: FieldType, size: str) -> str:
-        """The arguments that say how a number is written as text: how many characters, whether always so many, how."""
+        """Return the arguments that describe a number in text: its size, whether the size is fixed, and its form."""
         form = type_.form
         assert form is not None
         self.file.helper("decimal_form")
@@ -323,7 +326,7 @@ class CFunctionWriter:
         return f"{size}, {'true' if type_.size is not None else 'false'}, &{name}"
 
     def write_number(self, type_: FieldType, value: str, target: str, size: str, at: Segment) -> str:
-        """The statement that writes an int64_t as it stands on the wire."""
+        """Return the statement that encodes an int64_t."""
         helper = self.file.helper
         little = "true" if type_.order == "little" else "false"
         match type_.kind:
@@ -344,7 +347,7 @@ _ASSIGNED = re.compile(r"\s*(\w+)(\.\w+)*( = \1\.\w+)* = [^=].*;")
 
 
 def pruned(lines: list[str], locals_: list[str]) -> tuple[list[str], list[str]]:
-    """The lines and the declarations of locals without those that nothing reads."""
+    """Return the lines and the declarations without the locals that are never read."""
     named = {found[1]: one for one in locals_ if (found := re.search(r"(\w+)(?:\[\w*\])?(?: =.*)?;", one)) is not None}
     lines = [line for line in lines if not (line.strip().startswith("(void)") and line.strip()[6:-1] in named)]
     while True:

@@ -1,4 +1,4 @@
-"""The header and the source of a protocol in C, and what had to be left out of them."""
+"""Generate the C header and source of a protocol, with the list of parts that are left out."""
 
 from __future__ import annotations
 
@@ -29,34 +29,40 @@ from framekit.definition.model.values import Table
 from framekit.definition.problems import CannotSayError, Problem
 
 MOST_BYTES = 1024
-"""Bytes of a frame whose definition has no limit."""
+"""Size in bytes of a frame whose definition sets no limit."""
 REASONS = (
     "check", "constant", "where", "digits", "value", "range", "require", "short", "too_long", "length", "surplus",
     "cut",
 )  # fmt: skip
-"""Why bytes are not a frame, by the words that framekit has for it."""
+"""Faults of frames, by framekit's names."""
 
 
 @dataclass(frozen=True, slots=True)
 class Generated:
-    """The two files, the frames in them, and what is left out: a problem for each frame."""
+    """The two generated files."""
 
     name: str
     header: str
     source: str
     frames: tuple[str, ...]
+    """The frames in the files."""
     left_out: tuple[tuple[str, Problem], ...]
+    """The frames that are left out, each with the reason."""
     to_give: tuple[tuple[str, str, Problem], ...]
+    """The values that callers must give although the definition computes them: frame, name, reason."""
     not_measured: tuple[tuple[str, Problem], ...]
+    """The frames that cannot be found in streams, each with the reason."""
     not_built: tuple[tuple[str, Problem], ...]
+    """The frames that cannot be built, each with the reason."""
     structs: dict[str, CStruct]
     prefix: str
     in_streams: tuple[str, ...]
+    """The frames that the parser of streams searches for."""
 
 
 @cache
 def support_parts() -> dict[str, tuple[tuple[str, ...], str]]:
-    """The functions that C carries along: name → what each needs, its text."""
+    """Return the functions of `support.c`: name → names of the functions it needs, and its text."""
     text = Path(__file__).with_name("support.c").read_text(encoding="ascii")
     found = {}
     for part in re.split(r"^/\*: ", text, flags=re.MULTILINE)[1:]:
@@ -67,7 +73,9 @@ def support_parts() -> dict[str, tuple[tuple[str, ...], str]]:
 
 
 class CFile:
-    """Both files being written. It is what expressions and functions ask for names, tables, helpers, check codes."""
+    """Both files while they are written. It provides names, tables, helpers and check codes to expressions and
+    functions.
+    """
 
     def __init__(self, protocol: Protocol, most: int = MOST_BYTES) -> None:
         self.protocol = protocol
@@ -98,7 +106,7 @@ class CFile:
     # ---- what the writers ask -----------------------------------------------------------------------------
 
     def helper(self, name: str) -> str:
-        """The function of that name; it is carried along."""
+        """Return the name of a helper function, which is included in the source."""
         if name not in self.helpers:
             for needed in support_parts()[name][0]:
                 self.helper(needed)
@@ -109,21 +117,23 @@ class CFile:
         self.functions.setdefault(name, code)
 
     def to_give(self, frame: str, name: str, problem: Problem) -> None:
-        """A value that has to be given, as C cannot work it out."""
+        """Record a value that callers must give, because C cannot compute it."""
         self.given_only[frame, name] = problem
 
     def frame_enum(self, frame: str) -> str:
         return f"{self.prefix}_{identifier(frame)}"
 
     def number_name(self, frame: str) -> str:
-        """The constant that stands for a frame."""
+        """Return the enumeration constant of a frame."""
         return f"{self.prefix.upper()}_FRAME_{identifier(frame)}"
 
     def order_of(self, frames: tuple[str, ...]) -> tuple[str, ...]:
         return in_order(self.static, frames)
 
     def given(self, node: Name) -> Val:
-        """A parameter, a state variable or a table. Raises CannotSayError for what only a running engine knows."""
+        """Return a parameter, a state variable or a table. Raises CannotSayError for names that only a running engine
+        knows.
+        """
         name = node.name
         if name in self.asked:
             return self.asked[name]
@@ -167,7 +177,7 @@ class CFile:
         return value
 
     def lookup(self, node: Node, key: Val, default: Val | None) -> Val | None:
-        """An entry of a table: a number or a text, by a number or a text."""
+        """Return an entry of a table, a number or a text, for a number or a text as key."""
         if not isinstance(node, Name) or node.name not in self.protocol.tables or key.kind not in ("number", "bytes"):
             return None
         if key.fold:
@@ -247,7 +257,7 @@ class CFile:
     # ---- frames inside ------------------------------------------------------------------------------------
 
     def inner_reader(self, segment: Inner) -> str:
-        """The function that reads the frame that stands in a place: the first that fits, or that is to be refused."""
+        """Return the function that reads an inner frame: the first frame that fits, or that is to be refused."""
         frames = tuple(dict.fromkeys(segment.frames))
         order = self.order_of(frames)
         name = f"{self.prefix}_fk_inner_{'_'.join(identifier(one) for one in (order[0], str(len(order))))}"
@@ -282,8 +292,11 @@ class CFile:
         return name
 
     def first_inside(self, segment: Inner) -> str:
-        """The function that tells how long the frame is that stands in a place: the first that fits, else what is
-        wanted at least, with what is `behind`. `whole`: no more bytes come."""
+        """Return the function that measures an inner frame: the length of the first frame that fits, or the missing
+        bytes.
+
+        Its parameters state the size of the later segments, and whether no more bytes will arrive (`whole`).
+        """
         frames = tuple(dict.fromkeys(segment.frames))
         if frames in self.firsts:
             return self.firsts[frames]
@@ -343,7 +356,9 @@ class CFile:
         return name
 
     def nearest_inside(self, segment: Inner) -> str:
-        """Return the function that finds the fault where no frame fits: that of the frame that is read furthest."""
+        """Return the function that determines the fault if no frame fits: the fault of the frame that is read
+        furthest.
+        """
         frames = tuple(dict.fromkeys(segment.frames))
         if frames in self.nearest:
             return self.nearest[frames]
@@ -380,7 +395,7 @@ class CFile:
         return name
 
     def _listed(self, code: CSource, frames: tuple[str, ...], order: tuple[str, ...]) -> None:
-        """Which frames a deciding byte leaves."""
+        """Write the list of the frames that remain for a value of the deciding byte."""
         if not frames:
             code.add("count = 0;")
             return
@@ -390,8 +405,9 @@ class CFile:
     def _switch(
         self, code: CSource, tree: Leaf | Switch, leaf: Callable[[tuple[str, ...]], None], cut: str = ""
     ) -> None:
-        """What is done with the frames that a deciding byte leaves. `cut`: the condition under which that is so where
-        the bytes end before it; always without.
+        """Write the statements for the frames that remain for each value of the deciding byte.
+
+        `cut`: the condition for the default branch if the bytes end before the deciding byte; empty for no condition.
         """
         if isinstance(tree, Leaf):
             leaf(tree.frames)
@@ -430,13 +446,13 @@ class CFile:
 
 
 def prefix_of(name: str) -> str:
-    """What all names of a protocol begin with: not what those begin with that the C has itself."""
+    """Return the prefix of all names of a protocol, distinct from the prefixes of the generator."""
     found = identifier(name).lower()
     return f"x{found}" if re.match(r"(fk|framekit)(_|$)", found) else found
 
 
 def generate(protocol: Protocol, most: int = MOST_BYTES) -> Generated:
-    """The C of a protocol: as many of its frames as can be said."""
+    """Return the C of a protocol, with as many of its frames as C can represent."""
     left: dict[str, Problem] = {}
     while True:
         file = _Writing(protocol, most, set(left))
@@ -447,7 +463,7 @@ def generate(protocol: Protocol, most: int = MOST_BYTES) -> Generated:
 
 
 class _Writing:
-    """One try: with all frames that are not left out yet."""
+    """One attempt, with all frames that are not yet left out."""
 
     def __init__(self, protocol: Protocol, most: int, left: set[str]) -> None:
         self.file = CFile(protocol, most)
@@ -457,7 +473,7 @@ class _Writing:
         self.parser: ParserWriter | None = None
 
     def write(self) -> dict[str, Problem]:
-        """Writes everything; gives the frames that have to be left out, with why."""
+        """Write everything; return the frames that must be left out, with the reasons."""
         file, found = self.file, dict[str, Problem]()
         self._context()
         for frame in self.frames:
@@ -487,7 +503,7 @@ class _Writing:
         return found
 
     def _build(self, frame: Frame, segments: Segments) -> None:
-        """How the frame is built; what cannot be is told, and read all the same."""
+        """Write the encoder of a frame; a frame without an encoder is reported and can still be decoded."""
         file = self.file
         name = f"{file.prefix}_fk_write_{identifier(frame.name)}"
         try:
@@ -501,7 +517,7 @@ class _Writing:
             file.not_built[frame.name] = error.problem
 
     def _measure(self, frame: Frame, segments: Segments) -> None:
-        """How long the frame is in a stream; what cannot be found there is told, and read all the same."""
+        """Write the measuring function of a frame; a frame without it is reported and can still be decoded."""
         file = self.file
         name = f"{file.prefix}_fk_measure_{identifier(frame.name)}"
         try:
@@ -515,7 +531,9 @@ class _Writing:
             file.not_measured[frame.name] = error.problem
 
     def _context(self) -> None:
-        """Whether anything beside fields is read: found out by a first try, as all functions have to hand it on."""
+        """Determine whether expressions read names other than fields, since all functions must then pass the context
+        on.
+        """
         file = self.file
         probe = CFile(self.protocol, file.layouts.most)
         for frame in self.frames:
@@ -543,7 +561,7 @@ class _Writing:
                     raise CannotSayError(segment.at, f"the frame '{name}' inside is left out")
 
     def _in_order(self, found: dict[str, Problem]) -> list[Frame]:
-        """The frames, those inside others first."""
+        """Return the frames with inner frames before their outer frames."""
         order: list[Frame] = []
         names = {one.name for one in self.frames}
         waiting = list(self.frames)
@@ -634,7 +652,7 @@ class _Writing:
         return max((self.file.layouts.most_of(one) for one in self.frames), default=0)
 
     def _enums(self, out: CSource) -> None:
-        """The names of numbers."""
+        """Write enumerations for the names of numbers."""
         file = self.file
         known: dict[str, dict[int, str]] = {}
         for frame in self.frames:
@@ -757,7 +775,7 @@ class _Writing:
 
 
 def _carried(body: str) -> list[str]:
-    """The functions that a source needs, each after those it needs itself."""
+    """Return the support functions that a source needs, each after its own dependencies."""
     found: list[str] = []
 
     def add(name: str) -> None:

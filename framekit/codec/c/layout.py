@@ -1,8 +1,7 @@
-"""What a frame's values are in C: the members of its struct, from the segments that hold values.
+"""Lay out the values of a frame in C: the members of its struct, from the segments that hold values.
 
-The members keep the names of the definition. Beside a value that may be absent, or left to its default, stands
-`has_NAME`. Texts and bytes are views: into what was received, or into room that the struct itself has for bytes that
-stand otherwise on the wire.
+Members have the names of the definition. A value that may be absent, or left to its default, has a flag `has_NAME`.
+Texts and bytes are views: into the received bytes, or into a buffer of the struct for bytes that are encoded.
 """
 
 from __future__ import annotations
@@ -39,26 +38,31 @@ from framekit.definition.problems import CannotSayError, Position
 
 MemberKind = Literal["number", "float", "decimal", "bytes", "record", "list", "values", "inner"]
 INT64 = (-(1 << 63), (1 << 63) - 1)
+"""The range of an int64_t."""
 
 
 @dataclass(slots=True)
 class CMember:
-    """One value. `has`: its flag says whether it is there; `given`: encode takes it from the struct.
-
-    `capacity`: items of a list, or bytes of `room`; `places`: the number counts 10 to the power of minus so many.
-    """
+    """A value in a struct."""
 
     name: str
     kind: MemberKind
     cname: str
     at: Position
     low: int = 0
+    """The least number."""
     high: int = 0
+    """The greatest number."""
     has: bool = False
+    """Whether a flag records its presence."""
     size: int = 0
+    """The size of a float in bytes."""
     capacity: int = 0
+    """The maximum number of items of a list, or the size of `room` in bytes."""
     room: str = ""
+    """The name of the buffer for decoded bytes; empty for none."""
     places: int = 0
+    """The number of decimals: the member holds the value times 10 to the power of `places`."""
     is_text: bool = False
     inside: CStruct | None = None
     item: CMember | None = None
@@ -67,6 +71,7 @@ class CMember:
     is_single: bool = False
     most_size: int | None = None
     flag: str = ""
+    """The name of its flag."""
 
     @property
     def ctype(self) -> str:
@@ -88,12 +93,14 @@ class CMember:
 
 @dataclass(slots=True)
 class CStruct:
-    """The values of a frame, a record or an item. `rooms`: the names and sizes of room for bytes in it."""
+    """The values of a frame, a record or an item."""
 
     where: str
     members: dict[str, CMember] = field(default_factory=dict)
     rooms: dict[str, int] = field(default_factory=dict)
+    """The names and sizes in bytes of the buffers for decoded bytes."""
     reserved: set[str] = field(default_factory=set)
+    """Names of values, which flags may not use."""
     names: CNames = field(init=False)
 
     def __post_init__(self) -> None:
@@ -107,7 +114,7 @@ class CStruct:
 
 
 def number_type(low: int, high: int) -> str:
-    """The smallest type that holds these numbers."""
+    """Return the smallest type that holds these numbers."""
     if low >= 0:
         bits = next(bits for bits in (8, 16, 32, 64) if high < 1 << bits)
         return f"uint{bits}_t"
@@ -116,7 +123,7 @@ def number_type(low: int, high: int) -> str:
 
 
 def number_range(segment: Field | Length | Count | Repeat, type_: FieldType) -> tuple[int, int]:
-    """The least and the greatest number that can be read, whatever limits it has."""
+    """Return the least and the greatest number that can be read, ignoring the limits of the field."""
     if isinstance(segment, Repeat):
         found = forms.wire_range(type_)
     else:
@@ -135,7 +142,7 @@ def number_range(segment: Field | Length | Count | Repeat, type_: FieldType) -> 
 
 
 class Layouts:
-    """The structs of all frames. `most`: bytes of a frame whose definition names no limit."""
+    """The structs of all frames. `most`: size in bytes of a frame whose definition sets no limit."""
 
     def __init__(self, frames: Mapping[str, Frame], static: StaticSizes, outside: CFacts, most: int) -> None:
         self.frames = frames
@@ -144,7 +151,7 @@ class Layouts:
         self.most = most
 
     def most_of(self, frame: Frame) -> int:
-        """The greatest number of bytes of a frame that the C knows."""
+        """Return the maximum size of a frame in bytes."""
         found = self.static.all(self.static.segments(frame)).most
         known = [one for one in (found, frame.most) if one is not None]
         return min(known) if known else self.most
@@ -157,7 +164,7 @@ class Layouts:
         return struct
 
     def _values(self, segments: Segments, struct: CStruct, outer: CScope | None = None) -> None:
-        """Values that take no bytes have the kind of what they follow from."""
+        """Add the values that take no bytes, with the kind of the expression they are computed from."""
         waiting = [one for one in flat(segments) if isinstance(one, Value)]
         while waiting:
             scope = scope_of(struct, "", outer)
@@ -200,7 +207,7 @@ def _read(value: Value) -> set[str]:
 
 
 def _add(struct: CStruct, name: str, member: CMember, has: bool) -> CMember:
-    """A member under its name; one that several cases have is there once, and holds the numbers of all."""
+    """Add a member under its name; a member of several cases is added once, with the range of all."""
     there = struct.members.get(name)
     if there is not None:
         both_numbers = there.kind == member.kind == "number" and there.places == member.places
@@ -224,7 +231,7 @@ def _add(struct: CStruct, name: str, member: CMember, has: bool) -> CMember:
         return there
     member.cname = struct.names.take(identifier(name), f"'{name}'", member.at)
     member.has = has
-    flag = f"has_{member.cname}"  # where that is a value of the definition, the other way round
+    flag = f"has_{member.cname}"  # if the flag's name is a value of the definition, the words are exchanged
     flag = f"{member.cname}_given" if flag in struct.reserved else flag
     member.flag = struct.names.take(flag, f"the flag of '{name}'", member.at)
     if member.room:
@@ -235,7 +242,7 @@ def _add(struct: CStruct, name: str, member: CMember, has: bool) -> CMember:
 
 
 class _Laying:
-    """Puts the members of a list of segments into a struct; `most`: bytes of the frame."""
+    """Add the members of a list of segments to a struct; `most`: size of the frame in bytes."""
 
     def __init__(self, layouts: Layouts, most: int) -> None:
         self.layouts = layouts
@@ -295,7 +302,7 @@ class _Laying:
                     struct.rooms[cname] = max(size, 1)
                 self.all(segment.of, struct, maybe)
             case Value():
-                pass  # when the kinds of what it follows from are known
+                pass  # added after the kinds of its operands are known
             case _ if segment.value_names:
                 raise CannotSayError(segment.at, f"a segment of the kind '{segment.KEY}'")
 
@@ -373,7 +380,7 @@ class _Laying:
 
 
 def declare(struct: CStruct, out: CSource, prefix: str, enum_of: Mapping[str, str]) -> None:
-    """Writes the members."""
+    """Write the members of a struct."""
     for member in struct.members.values():
         if member.has:
             out.add(f"bool {member.flag};")
@@ -410,13 +417,13 @@ def declare(struct: CStruct, out: CSource, prefix: str, enum_of: Mapping[str, st
 
 
 def inner_name(frame: str) -> str:
-    """The member of a union that holds a frame."""
+    """Return the member of a union that holds a frame."""
     found = identifier(frame)
     return "unknown_" if found == "unknown" else found
 
 
 def scope_of(struct: CStruct, path: str, parent: CScope | None = None) -> CScope:
-    """What names mean where all values of a struct have been read; `path` leads to it."""
+    """Return the scope of a struct of which all values have been read; `path` leads to it."""
     scope = CScope(parent)
     for name, member in struct.members.items():
         scope.entries[name] = val_of(member, f"{path}{member.cname}", f"{path}{member.flag}" if member.has else "")
@@ -424,7 +431,7 @@ def scope_of(struct: CStruct, path: str, parent: CScope | None = None) -> CScope
 
 
 def val_of(member: CMember, text: str, there: str = "") -> Val:
-    """A member as a value of expressions."""
+    """Return a member as a value in expressions."""
     match member.kind:
         case "number" if not member.places and member.high <= INT64[1]:
             return Val("number", f"(int64_t){text}", member.low, member.high, there)

@@ -1,7 +1,7 @@
-"""How long the frame is that begins here, in C: as the measuring functions of `codec/python/measure.py` say it.
+"""Write measuring functions in C, with the results of those in `codec/python/measure.py`.
 
-The result is its length; 0 where it does not begin; -n where it wants n bytes more at least; FK_QUIET where only
-silence ends it, FK_LOST where its end cannot be found.
+The result is the length of the frame; 0 if it does not begin here; -n if at least n more bytes are needed; FK_QUIET if
+only silence ends it; FK_LOST if its end cannot be found.
 """
 
 from __future__ import annotations
@@ -30,11 +30,12 @@ from framekit.definition.model.segments import Check, Const, Field, Segment, Seg
 from framekit.definition.problems import CannotSayError
 
 Pairs = tuple[tuple[Segment, CScope], ...]
+"""Segments, each with the scope of its names."""
 LOST, QUIET = "FK_LOST", "FK_QUIET"
 
 
 class CMeasureWriter(CFunctionWriter):
-    """Writes one measuring function. `place`: where it stands while that is always the same; then it is in `at`."""
+    """Write a measuring function. `place`: the offset while it is constant; then it is the local `at`."""
 
     is_reader = False
 
@@ -53,6 +54,7 @@ class CMeasureWriter(CFunctionWriter):
         """The paths of the values that have been passed."""
         self.looks_for_end = False
         self.ends = ""
+        """The condition that ends a list after the current item."""
 
     # ---- the function -------------------------------------------------------------------------------------
 
@@ -162,7 +164,7 @@ class CMeasureWriter(CFunctionWriter):
     # ---- values -------------------------------------------------------------------------------------------
 
     def keep(self, local: str, text: str) -> None:
-        """Puts what is worked out into a local; the end is lost where it cannot be."""
+        """Write the assignment of a computed value to a local; the function returns FK_LOST if it fails."""
         self.worked_out(local, text, lambda: (f"return {LOST};",))
 
     def condition(self, expression: Expression, scope: CScope) -> str:
@@ -174,7 +176,10 @@ class CMeasureWriter(CFunctionWriter):
         return local
 
     def size_text(self, expression: Expression, scope: CScope) -> str:
-        """A size that is not negative. Below 0 without any field of the frame, the frame fits nothing."""
+        """Return the text of a size, with a check for negative values.
+
+        A negative size ends the frame with FK_LOST, or with 0 if no field of the frame is part of it.
+        """
         value = self.writer(scope).value(expression)
         if value.kind != "number":
             raise CannotSayError(expression.at, "a size that is no number")
@@ -203,12 +208,12 @@ class CMeasureWriter(CFunctionWriter):
         return local
 
     depth = 0
-    """How deep in branches the function stands."""
+    """The nesting depth of branches."""
 
     # ---- lists --------------------------------------------------------------------------------------------
 
     def pairs(self, segments: Segments, scope: CScope) -> Pairs:
-        """The segments with those of records."""
+        """Return the segments with those of records inlined."""
         found: list[tuple[Segment, CScope]] = []
         for segment in segments:
             if segment.is_record and segment.when is None:
@@ -236,7 +241,7 @@ class CMeasureWriter(CFunctionWriter):
             self.read.update(map(segment.sibling_path, segment.value_names))
 
     def measure(self, segment: Segment, scope: CScope, after: Pairs) -> None:
-        """Writes how a segment that is there is passed."""
+        """Write how a present segment is passed."""
         measure = self.kind_of(segment).measure
         if measure is not None:
             measure(self, segment, scope, after)
@@ -247,7 +252,7 @@ class CMeasureWriter(CFunctionWriter):
             self.skip(str(fixed))
 
     def branch(self, pairs: Pairs, after: Pairs) -> bool:
-        """Segments of which it is not sure that they are there; whether nothing behind matters any more."""
+        """Measure segments that may be absent; return whether the rest of the function is written."""
         finished = False
         self.depth += 1
         try:
@@ -312,7 +317,7 @@ class CMeasureWriter(CFunctionWriter):
         raise Finished
 
     def _code_right(self, check: Check) -> str:
-        """Finds out whether the check code right before `at` is right; the local that says so."""
+        """Write the verification of the check code directly before `at`; return the local with the result."""
         right, code = self.local("bool", "code_right", "false"), self.local("uint64_t", "code")
         name, initial = self.file.checks.of(check.method, check.at)
         begin = f"(size_t)at - {check.size}"
@@ -329,7 +334,9 @@ class CMeasureWriter(CFunctionWriter):
         return right
 
     def _ends_here(self, total: str, tail: str) -> None:
-        """The frame ends here if everything from its tail on fits."""
+        """Write a return of the length if the frame is valid, or has its first fault before the tail and no wrong check
+        code.
+        """
         name = identifier(self.frame.name)
         scratch, notes, fault = self.fresh("scratch"), self.fresh("notes"), self.fresh("fault")
         self.locals += [f"struct {self.file.frame_enum(self.frame.name)} {scratch};", f"struct fk_notes {notes};",
@@ -374,7 +381,7 @@ class CMeasureWriter(CFunctionWriter):
         self._search(first.data[:1], self.least(tail))
 
     def _search(self, what: bytes, least: int) -> None:
-        """Goes to the place of some bytes, which may still be to come."""
+        """Write the move to the offset of some bytes, which may not have arrived yet."""
         found = self.local("size_t", "found_place")
         find = self.file.helper("find")
         call = f"{find}(data, (size_t)at, size, {string(what)}, {len(what)}, &{found})"

@@ -1,8 +1,8 @@
-"""The parser of streams in C: bytes in, frames out, from a buffer of the greatest frame.
+"""Write the parser of streams in C: it takes bytes and returns frames, with a buffer of the size of the longest frame.
 
-It looks as the receiver does (`link/receiver.py`): at each place it measures the frames that one side may send, takes
-the shortest that fits, waits while one wants more, and tells of a bad one once. Where it differs, `docs/generate-c.md`
-says so.
+It searches like the receiver (`link/receiver.py`): at each offset it measures the frames of one side, takes the
+shortest frame that fits, waits while a frame needs more bytes, and reports a bad frame once. `docs/generate-c.md` lists
+the differences.
 """
 
 from __future__ import annotations
@@ -17,10 +17,11 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import Receiver
 
 SIDES: Mapping[str, int] = {"client": 1, "server": 2, "both": 3}
+"""Bits of the sides that may send a frame."""
 
 
 class ParserWriter:
-    """Writes the parser of a protocol; `frames`: those that stand on the line and whose end is found."""
+    """Write the parser of a protocol; `frames`: the frames on the line that can be measured."""
 
     def __init__(
         self, prefix: str, context: str, hand_on: str, frames: list[Frame], most: int, rules: Receiver
@@ -31,7 +32,7 @@ class ParserWriter:
         self.most, self.rules = most, rules
 
     def header(self, out: CSource) -> None:
-        """The struct and the functions."""
+        """Write the struct and the declarations."""
         p, upper = self.prefix, self.upper
         out.add("/* Frames in a stream: what came is put in, and told by `next`, which drops what it told before. */")
         out.add(f"#define {upper}_MAX_STREAM {self.most} /* bytes of the greatest frame that is looked for */")
@@ -53,7 +54,7 @@ class ParserWriter:
         out.add(f"void {p}_parser_silence(struct {p}_parser *parser);", "")
 
     def source(self, out: CSource) -> None:
-        """The functions."""
+        """Write the public functions."""
         p = self.prefix
         with out.block(f"void {p}_parser_begin(struct {p}_parser *parser, unsigned from)"):
             out.add("parser->size = parser->told = parser->wanted = parser->bad_left = 0;", "parser->noise = 0;")
@@ -74,7 +75,7 @@ class ParserWriter:
         self._next(out)
 
     def functions(self, out: CSource) -> None:
-        """What the functions of the parser call."""
+        """Write the static functions that the parser calls."""
         p = self.prefix
         with out.block(f"static void {p}_fk_drop(struct {p}_parser *parser, size_t count)"):
             out.add("count = count < parser->size ? count : parser->size;")
@@ -179,7 +180,7 @@ class ParserWriter:
         self._unusable(out)
 
     def _taken(self, out: CSource, size: str) -> None:
-        """A frame that fits, or that is to be refused, is told."""
+        """Write the return of a frame that fits, or that is to be refused."""
         with out.block("if (parser->fault.reason == FRAMEKIT_OK || parser->fault.refuse >= 0)"):
             out.add(f"parser->told = {size};", "parser->bad_left = 0;")
             if self.rules.delimiter is not None:
@@ -188,7 +189,7 @@ class ParserWriter:
             out.add("return FRAMEKIT_FRAME;")
 
     def _unusable(self, out: CSource) -> None:
-        """What is done with a bad frame, and with what is none."""
+        """Write the handling of a bad frame, and of bytes that belong to no frame."""
         p = self.prefix
         one = "1"
         if self.rules.symbols is not None:
@@ -226,7 +227,7 @@ class ParserWriter:
 
 
 def line_frames(protocol: Protocol, frames: list[Frame], left: Mapping[str, Any]) -> list[Frame]:
-    """The frames that are looked for in a stream: those that a side sends by itself. An application has none."""
+    """Return the frames to search for in a stream: those that a side sends directly; none for an application."""
     every = protocol.frames.values()
     inside = {name for one in every for segment in everything(one.segments) for name in segment.frames_inside}
     if protocol.kind == "application":

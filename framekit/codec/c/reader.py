@@ -1,7 +1,7 @@
-"""Decoders in C: one function a frame, which reads as the careful functions of Python do (`codec/python/diagnosis.py`).
+"""Write decoders in C: one function per frame, which reads like the careful functions in `codec/python/diagnosis.py`.
 
-So the first fault, its place and its reason are the same. A fault behind which nothing can be read jumps to the end of
-the part it stands in. What is written for a kind of segment stands in `kinds`.
+So the first fault, its offset and its reason are equal. After a fault that prevents further reading, control jumps to
+the end of the enclosing part. `kinds` writes the reading of each kind of segment.
 """
 
 from __future__ import annotations
@@ -23,20 +23,19 @@ from framekit.definition.model.segments import Check, Const, Field, Segments
 from framekit.definition.problems import CannotSayError
 
 Behind = tuple[tuple[Segment, CScope], ...]
-"""What follows a segment in its buffer, with the scopes of its names."""
+"""The later segments of a buffer, with the scopes of their names."""
 
 
 @dataclass(slots=True)
 class LaterLines:
-    """A comparison that needs what comes later: all segments and values of these paths."""
+    """A comparison that needs later segments and values, identified by their paths."""
 
     write: Callable[[], None]
     paths: frozenset[str]
 
 
 class ReadWriter(CFunctionWriter):
-    """Writes one reading function. `inn`: the local with the bytes that are read now; `stop`: the label to which what
-    cannot be read on jumps; `is_sure`: what is read now is read in every frame that comes so far."""
+    """Write a reading function."""
 
     is_reader = True
 
@@ -44,10 +43,13 @@ class ReadWriter(CFunctionWriter):
         super().__init__(file, segments)
         self.struct = struct
         self.inn = "in"
+        """The local of the bytes that are currently read."""
         self.used |= {"in", "n", "v", "data", "size", "context", "notes", "bad", "from"}
         self.stop = "stop"
+        """The label for the end of the current part."""
         self.labels: set[str] = set()
         self.is_sure = True
+        """Whether the current segment is read in every frame without a fault so far."""
         self.in_item = False
         self.deferred: list[LaterLines] = []
         self.late: list[Callable[[], None]] = []
@@ -58,7 +60,7 @@ class ReadWriter(CFunctionWriter):
     # ---- the whole function -------------------------------------------------------------------------------
 
     def write(self, name: str, frame: Frame) -> CSource:
-        """The whole function of a frame."""
+        """Return the whole function of a frame."""
         scope = CScope()
         surplus = -1 if frame.surplus is None else frame.surplus
         self.initial(self.struct, "v->")
@@ -77,11 +79,11 @@ class ReadWriter(CFunctionWriter):
         return self.assembled(f"{header} struct fk_notes *notes)", "struct fk_in in;", self.out.lines, begin=begin)
 
     def _needs_limit(self, frame: Frame) -> bool:
-        """Whether the struct has room for as much as the C knows of, and the definition says no limit."""
+        """Return whether the frame has no limit, so that the struct's capacity limits it."""
         return frame.most is None and self.static.all(self.segments).most is None
 
     def initial(self, struct: CStruct, path: str) -> None:
-        """What the flags and counts of a struct are before anything is read."""
+        """Write the initial flags and counts of a struct."""
         for member in struct.members.values():
             at = f"{path}{member.cname}"
             if member.has:
@@ -116,7 +118,7 @@ class ReadWriter(CFunctionWriter):
 
     @property
     def raw(self) -> str:
-        """Text of the bytes that were taken last."""
+        """Return the text of the bytes that were taken last."""
         return f"({self.inn}.data + {self.inn}.from)"
 
     def refuse(self, segment: Segment) -> str:
@@ -126,7 +128,7 @@ class ReadWriter(CFunctionWriter):
         return f"fk_note({self.n}, FRAMEKIT_{reason.upper()}, {place}, {refuse});"
 
     def leave(self) -> str:
-        """The statement that leaves the present part."""
+        """Return the statement that leaves the current part."""
         self.labels.add(self.stop)
         return f"goto {self.stop};"
 
@@ -138,7 +140,7 @@ class ReadWriter(CFunctionWriter):
         self.when(f"!{take}({self.n}, {size}, {refuse})", self.leave())
 
     def stands(self, path: str) -> None:
-        """Keeps where the segment stands that was taken last."""
+        """Store the span of the segment that was taken last."""
         self.stands_from(path, f"{self.inn}.from")
 
     def stands_from(self, path: str, start: str) -> None:
@@ -147,7 +149,7 @@ class ReadWriter(CFunctionWriter):
             self.add(*stands(span, f"{self.inn}.data", start, self.at))
 
     def ask(self, value: Val, reason: str, name: str, refuse: str = "-1") -> str:
-        """The local with a number that is worked out here; the part ends where it cannot be."""
+        """Return a local with a computed number; the part ends if the computation fails."""
         if value.constant is not None:
             return value.text
         local = self.local("int64_t", name)
@@ -155,7 +157,7 @@ class ReadWriter(CFunctionWriter):
         return local
 
     def ask_whether(self, text: str, reason: str, refuse: str = "-1") -> str:
-        """The text of a condition that is worked out here."""
+        """Return the text of a computed condition; the part ends if the computation fails."""
         if "&bad" not in text:
             return text
         local = self.local("bool", "holds", "false")
@@ -165,7 +167,7 @@ class ReadWriter(CFunctionWriter):
     # ---- names --------------------------------------------------------------------------------------------
 
     def declare(self, segments: Iterable[Segment], scope: CScope, struct: CStruct, path: str) -> None:
-        """The names of a list, none of which has been read."""
+        """Declare the names of a list, of which no value has been read."""
         for segment in flat(segments):
             for name in segment.value_names:
                 member = struct.members.get(name)
@@ -181,7 +183,7 @@ class ReadWriter(CFunctionWriter):
                 self._wire_entry(segment, scope)
 
     def _wire_entry(self, segment: Segment, scope: CScope) -> None:
-        """A segment without a value, of which expressions ask the length."""
+        """Declare a segment without a value whose length expressions read."""
         span = self.span(segment.path)
         if span is not None and segment.name not in scope.entries:
             room = self.file.helper("room")
@@ -199,32 +201,32 @@ class ReadWriter(CFunctionWriter):
         return replace(value, wire=wire, known=f"{known} != 0", there=f"{known} == 1")
 
     def known_of(self, member: CMember) -> str:
-        """The local that tells whether a member has been read: 1; 2 for one that is nothing."""
+        """Return the local that records the state of a member: 0 not read, 1 read, 2 absent."""
         if id(member) not in self.known:
             self.known[id(member)] = self.local("unsigned", f"{member.name}_known")
         return self.known[id(member)]
 
     def is_there(self, member: CMember, here: Here, *, sure: bool = True) -> None:
-        """The value of a member is there now, for the reader of the struct and for expressions."""
+        """Record that the value of a member is present, for users of the struct and for expressions."""
         if member.has:
             self.add(f"{here[2]}{member.flag} = true;")
         self.stored(member, here[0], member.name, sure=sure)
 
     def stored(self, member: CMember, scope: CScope, name: str, *, sure: bool = True) -> None:
-        """Expressions may read the value of a name from here on."""
+        """Make the value of a name available to expressions."""
         self.mark(member, 1)
         entry = scope.entries.get(name)
         if entry is not None and sure and self.is_sure and entry.kind != "record":
             scope.entries[name] = replace(entry, known="", there="")
 
     def mark(self, member: CMember | None, state: int) -> None:
-        """What expressions are told of a member: 0: it has not been read, 1: it has, 2: it is nothing."""
+        """Set the state of a member for expressions: 0 not read, 1 read, 2 absent."""
         known = "" if member is None else self.known.get(id(member), "")
         if known:
             self.add(f"{known} = {state};")
 
     def forget(self, struct: CStruct) -> None:
-        """Nothing is known of an item before it is read."""
+        """Reset the states of an item's members before the item is read."""
         for member in struct.members.values():
             self.mark(member, 0)
             if member.kind == "record" and member.inside is not None:
@@ -234,7 +236,7 @@ class ReadWriter(CFunctionWriter):
 
     @contextmanager
     def part(self, behind: str, surplus: int, checks: bool) -> Iterator[None]:
-        """A part with so many bytes behind it; however it goes, reading goes on there."""
+        """Write a part that is followed by a number of bytes; reading continues after the part in every case."""
         whole = self.local("size_t", "whole")
         outside, self.stop = self.stop, self.fresh("part_stop")
         self.add(f"{whole} = {self.inn}.end;")
@@ -248,7 +250,7 @@ class ReadWriter(CFunctionWriter):
 
     @contextmanager
     def attempt(self, behind: str, checks: bool) -> Iterator[None]:
-        """A part with bytes behind it, which are read all the same if the part cannot be."""
+        """Write a part followed by bytes that are read even if the part fails."""
         start, whole, tail = (
             self.local("size_t", "begun"),
             self.local("size_t", "whole"),
@@ -274,7 +276,7 @@ class ReadWriter(CFunctionWriter):
             self.add(f"(void){whole};", f"(void){tail};", f"(void){start};")
 
     def _stopped(self, checks: bool, lines: list[str]) -> None:
-        """Where a part ends that could not be read."""
+        """Write the end of a part that could not be read."""
         if self.stop not in self.labels:
             return
         if not checks and not lines:
@@ -300,7 +302,9 @@ class ReadWriter(CFunctionWriter):
         *,
         all_is_read: bool = True,
     ) -> None:
-        """A whole buffer. What stands behind its last variable part is read from the end, whatever came before."""
+        """Write the reading of a buffer; the segments after its last variable part are read even after a fault in
+        it.
+        """
         self.declare(segments, scope, struct, path)
         here = (scope, struct, path)
         if frame is not None and frame.delimited and frame.tail and isinstance(frame.tail[0], Const):
@@ -333,7 +337,7 @@ class ReadWriter(CFunctionWriter):
     def list(
         self, segments: Iterable[Segment], here: Here, after: Behind, finish: bool = True, all_is_read: bool = True
     ) -> None:
-        """The segments of a list; `after`: what follows them in the buffer."""
+        """Write the reading of the segments of a list, given the segments that follow it in the buffer."""
         segments = tuple(segments)
         scope = here[0]
         outside = self.deferred
@@ -351,15 +355,15 @@ class ReadWriter(CFunctionWriter):
             self.deferred = outside + self.deferred
 
     def later(self, write: Callable[[], None], segment: Segment, *needed: str | Expression) -> None:
-        """Write a comparison of a segment after the siblings it names, and what its expressions read, have been read.
+        """Defer a comparison of a segment until the named siblings, and the names its expressions read, have been read.
 
-        It stands in the buffer that is read now.
+        The segment belongs to the current buffer.
         """
         wanted = paths_read(segment, self.all_paths, *needed)
         self.deferred.append(LaterLines(self.in_this_buffer(write), wanted))
 
     def in_this_buffer(self, write: Callable[[], None]) -> Callable[[], None]:
-        """What writes so later, whichever buffer is read then."""
+        """Return a writer that later applies to the current buffer, whichever buffer is read then."""
         inn = self.inn
 
         def written() -> None:
@@ -397,7 +401,7 @@ class ReadWriter(CFunctionWriter):
         self.is_sure = sure
 
     def _default(self, segment: Field, default: Expression, here: Here) -> None:
-        """The value of a field that is not there."""
+        """Write the default of an absent field."""
         scope, struct, path = here
         member = struct.members[segment.name]
         self.begin()
@@ -418,7 +422,7 @@ class ReadWriter(CFunctionWriter):
         self.stands(segment.path)
 
     def without(self, segments: Iterable[Segment], struct: CStruct, there: Iterable[Segment] = ()) -> None:
-        """What expressions read of these segments is nothing, but for what is `there`."""
+        """Mark the values of these segments as absent for expressions, except those of the segments in `there`."""
         known = {name for one in flat(there) for name in one.value_names}
         for one in flat(segments):
             for name in one.value_names:
@@ -430,7 +434,7 @@ class ReadWriter(CFunctionWriter):
                             self.mark(inner, 2)
 
     def absent(self, segment: Segment) -> None:
-        """Nothing of a segment is there: it takes no bytes here."""
+        """Write an empty span for each part of an absent segment."""
         for one in standing_any_way((segment,)):
             span = self.span(one.path)
             if span is not None:
@@ -440,7 +444,7 @@ class ReadWriter(CFunctionWriter):
     # ---- sizes --------------------------------------------------------------------------------------------
 
     def rest(self, behind: Behind) -> str:
-        """The local with the number of bytes up to what is behind."""
+        """Return a local with the number of bytes up to the later segments."""
         helper = self.file.helper("rest")
         size = self.local("int64_t", "rest")
         text = self.behind(behind)
@@ -448,7 +452,7 @@ class ReadWriter(CFunctionWriter):
         return size
 
     def sized(self, size: object, scope: CScope, reason: str, refuse: str, factor: str = "") -> str:
-        """The text of a size in bytes."""
+        """Return the text of a size in bytes."""
         if isinstance(size, int):
             return str(size * 2 if factor == "*" else size // 2 if factor == "/" else size)
         assert isinstance(size, Expression)
@@ -463,7 +467,7 @@ class ReadWriter(CFunctionWriter):
     # ---- what is behind -----------------------------------------------------------------------------------
 
     def behind(self, after: Behind) -> str:
-        """Text of the bytes behind a segment that reaches to the end."""
+        """Return the text of the number of bytes after a segment that takes the rest."""
         after = tuple(self._in_place_of_records(after))
         if not self.knows_behind(after):
             return self._constant_behind(after[0][0])
@@ -505,9 +509,9 @@ class ReadWriter(CFunctionWriter):
 
 
 Here = tuple[CScope, CStruct, str]
-"""Where the values of a list go: their names, their struct, and the path to it."""
+"""The destination of the values of a list: the scope of their names, their struct, and the path to the struct."""
 
 
 def has_checks(segments: Segments) -> bool:
-    """Whether there are check codes in a part that make it bad."""
+    """Return whether a part contains check codes whose failure makes it invalid."""
     return any(isinstance(segment, Check) and segment.verify == "error" for segment in everything(segments))

@@ -1,7 +1,7 @@
-"""C source being written: lines, names, texts. This is the one place where text of a definition becomes C.
+"""Build C source: lines, names, texts. Only this module turns text of a definition into C.
 
-`identifier` makes a name of C of any text, `string` the literal of any bytes, `comment` a comment of any text. All
-other text of a line is the generator's own, or a number.
+`identifier` makes a C name of any text, `string` a literal of any bytes, `comment` a comment of any text. All other
+text of a line comes from the generator, or is a number.
 """
 
 from __future__ import annotations
@@ -25,31 +25,33 @@ errno offsetof assert unix linux i386 arm vax pascal far near huge interrupt SIZ
 memcmp memset memmove memchr
 """
 _KEYWORDS = frozenset(_WORDS.split())
-"""Words of C and C++, and macros of the headers that are included or that compilers bring."""
+"""Words of C and C++, and macros of the included headers and of compilers."""
 _MACROS = re.compile(
     r"U?INT(_LEAST|_FAST)?(8|16|32|64)_(C|MIN|MAX)|U?INT(MAX|PTR)_(C|MIN|MAX)|(PTRDIFF|SIG_ATOMIC|WINT)_M.*"
 )
 
 
 def identifier(name: str) -> str:
-    """A name of C for any text: letters, digits and _ stay, all else becomes _; words of C get a _ behind."""
+    """Return a C name for any text: other characters than letters, digits and _ become _; reserved words get a trailing
+    _.
+    """
     found = "".join(sign if sign.isascii() and (sign.isalnum() or sign == "_") else "_" for sign in name)
     if not found or not found[0].isalpha():
         found = f"x{found}"
-    while "__" in found:  # names with two of them in a row belong to C++
+    while "__" in found:  # C++ reserves names with two consecutive underscores
         found = found.replace("__", "_")
     return f"{found}_" if found in _KEYWORDS or _MACROS.fullmatch(found) else found
 
 
 class CNames:
-    """The names of one scope of C. Two that come out alike are refused."""
+    """The names of a C scope; two sources with the same name are refused."""
 
     def __init__(self, where: str) -> None:
         self.where = where
         self.taken: dict[str, str] = {}
 
     def take(self, name: str, of: str, at: Position = NOWHERE) -> str:
-        """Keeps a name of C, which is `of` something. Raises CannotSayError if something else has it."""
+        """Reserve a C name for a purpose. Raises CannotSayError if the name is reserved for another purpose."""
         other = self.taken.setdefault(name, of)
         if other != of:
             raise CannotSayError(at, f"{of} and {other} are both called '{name}' in {self.where}", "rename one of them")
@@ -57,14 +59,14 @@ class CNames:
 
 
 def string(data: bytes) -> str:
-    """A string literal of these bytes: letters and digits as they are, every other one as three octal digits."""
-    # three octal digits are all that an escape takes, so that a digit behind them is one of its own
+    """Return a string literal of these bytes: letters and digits unchanged, every other byte as three octal digits."""
+    # an escape takes at most three octal digits, so a digit after it is separate
     shown = (chr(byte) if byte < 128 and chr(byte).isalnum() else f"\\{byte:03o}" for byte in data)
     return f'"{"".join(shown)}"'
 
 
 def comment(text: str) -> str:
-    """A comment of any text, on one line."""
+    """Return a comment with any text, on a single line."""
     shown = text.encode("ascii", "backslashreplace").decode("ascii")
     shown = "".join(sign if sign.isprintable() else " " for sign in shown)
     shown = shown.replace("*/", "* /").replace("/*", "/ *")
@@ -74,7 +76,7 @@ def comment(text: str) -> str:
 
 
 def number(value: int) -> str:
-    """A literal of a whole number that fits into 64 bits."""
+    """Return a literal of a whole number of at most 64 bits."""
     if value == -(1 << 63):
         return "INT64_MIN"
     if value < 0:
@@ -85,7 +87,7 @@ def number(value: int) -> str:
 
 
 class CSource:
-    """Lines of a function; `block` puts braces around what is added inside it."""
+    """The lines of a function; `block` puts braces around the lines added inside it."""
 
     def __init__(self, depth: int = 0) -> None:
         self.lines: list[str] = []
@@ -95,7 +97,7 @@ class CSource:
         self.lines.extend(f"{INDENT * self.depth}{line}" if line else "" for line in lines)
 
     def extend(self, other: CSource) -> None:
-        """The lines of another one, as deep as this one stands now."""
+        """Add the lines of another source at the current indentation."""
         self.add(*other.lines)
 
     @contextmanager
@@ -109,7 +111,7 @@ class CSource:
             self.add(f"}}{behind}")
 
     def when(self, test: str, *lines: str) -> None:
-        """Lines that are done where a condition holds."""
+        """Add lines that run if a condition holds."""
         with self.block(f"if ({test})"):
             self.add(*lines)
 

@@ -1,8 +1,8 @@
-"""Encoders in C: one function a frame. First all values are brought into locals, in the order in which they depend on
-each other, then the bytes are put together. What is wrong is kept, and all goes on: nothing is written out of the room.
+"""Write encoders in C: one function per frame.
 
-A length that follows from bytes which are put together (of a frame inside, of a wrap) is found by doing it again.
-What is written for a kind of segment stands in `kinds`.
+First all values are assigned to locals in the order of their dependencies, then the bytes are assembled. A failure is
+recorded and the function continues without writing beyond the buffer. A length of assembled bytes (of an inner frame,
+of a wrap) is computed by repeating the assembly. `kinds` writes the values and bytes of each kind of segment.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from framekit.definition.problems import CannotSayError
 
 
 def both(condition: str) -> str:
-    """Before a test: it counts where the condition holds; '' for none."""
+    """Return a condition as prefix of a test that applies if it holds; empty for no condition."""
     return f"{condition} && " if condition else ""
 
 
 def late_checks(segments: Segments) -> set[str]:
-    """The paths of the check codes that cover what comes later, or such a check code."""
+    """Return the paths of the check codes that cover later bytes, directly or through another check code."""
     checks = [one for one in everything(segments) if isinstance(one, Check)]
     found = {one.path for one in checks if covers_later(one, segments)}
     while True:
@@ -43,7 +43,7 @@ def late_checks(segments: Segments) -> set[str]:
 
 @dataclass(slots=True)
 class Taken:
-    """Where the values of a list are taken from: the names, the struct, the path to it."""
+    """The source of the values of a list: the scope of their names, their struct, and the path to the struct."""
 
     scope: CScope
     struct: CStruct
@@ -54,7 +54,7 @@ class Taken:
 
 
 class WriteWriter(CFunctionWriter):
-    """Writes one function that builds. `out_name`: the local with the bytes that are put together now."""
+    """Write a building function. `inn`: the local of the bytes that are currently assembled."""
 
     is_reader = False
 
@@ -64,7 +64,7 @@ class WriteWriter(CFunctionWriter):
         self.struct = struct
         self.most = file.layouts.most_of(frame)
         self.inn = "out"
-        for one in everything(segments):  # what a length counts may have to be put together first
+        for one in everything(segments):  # counted segments may have to be assembled first
             if isinstance(one, Length):
                 self.tracked |= {*one.counted, *wire_paths(self.segments, one.counted)}
         self.used |= {"out", "w", "v", "context", "bad", "to", "round", "number", "index"}
@@ -104,7 +104,7 @@ class WriteWriter(CFunctionWriter):
         return self.assembled(header, "struct fk_out out = *w;", lines, end=("*w = out;",))
 
     def _late_in_order(self) -> list[Callable[[], None]]:
-        """The check codes that had to wait, each after those that it covers itself."""
+        """Return the postponed check codes, each after those that it covers."""
         waiting, ordered = list(self.late), list[Callable[[], None]]()
         while waiting:
             paths = {check.path for check, _ in waiting}
@@ -118,7 +118,9 @@ class WriteWriter(CFunctionWriter):
         return ordered
 
     def _rounds(self, lines: list[str]) -> list[str]:
-        """All once more for lengths that follow from the bytes."""
+        """Return the lines in a loop that repeats until the lengths of assembled bytes are stable, at most four times
+        more.
+        """
         if not self.lengths:
             return lines
         self.locals.append("unsigned round;")
@@ -137,7 +139,7 @@ class WriteWriter(CFunctionWriter):
         return found
 
     def _delimited(self, frame: Frame, taken: Taken, tail: Const) -> None:
-        """A delimited body must not hold what ends it."""
+        """Write a delimited frame, with the check that its body does not contain its end."""
         begin = self.local("size_t", "body_start")
         self.bytes(frame.head, taken)
         self.add(f"{begin} = out.at;")
@@ -165,16 +167,16 @@ class WriteWriter(CFunctionWriter):
                 self.fail(reason)
 
     def number_of(self, expression: Expression, taken: Taken, name: str) -> str:
-        """The local with a number; one that cannot be worked out makes the values unfit."""
+        """Return a local with a number; if its computation fails, the values are refused."""
         value = self.number(expression, taken.scope)
         return self.kept(value, name)
 
     def keep(self, local: str, text: str) -> None:
-        """Puts what is worked out into a local."""
+        """Write the assignment of a computed value to a local; if it fails, the values are refused."""
         self.worked_out(local, text, lambda: (self.failing("value"),))
 
     def holds(self, expression: Expression, taken: Taken) -> str:
-        """The local that tells whether a condition holds."""
+        """Return a local with the result of a condition."""
         text = self.writer(taken.scope).condition(expression)
         if text in ("true", "false"):
             return text
@@ -183,17 +185,20 @@ class WriteWriter(CFunctionWriter):
         return local
 
     def condition(self, segment: Segment, taken: Taken) -> str:
-        """The condition under which a segment is there; '' if it always is."""
+        """Return the condition under which a segment is present; '' if it always is."""
         return "" if segment.when is None else self.holds(segment.when, taken)
 
     def size_of(self, size: object, taken: Taken, name: str = "size_told") -> str:
-        """Text of a size, which may be worked out; 0 for one that nothing tells."""
+        """Return the text of a size, which may be computed; 0 for no size."""
         return self.number_of(size, taken, name) if isinstance(size, Expression) else str(size or 0)
 
     def fail_unless_told(
         self, segment: Segment | None, size: Expression, taken: Taken, found: str, name: str = "size_told"
     ) -> None:
-        """What is `found` (a size, and how it must not compare) must be as others tell, where these are there."""
+        """Write the check that a size equals the size that other values state, if they are present.
+
+        `found`: the size with the comparison operator that means a failure.
+        """
         told = self.number_or_nothing(size, taken)
         conditions = ["" if segment is None else self.condition(segment, taken), told.there]
         kept = self.kept(replace(told, there=""), name)
@@ -202,7 +207,7 @@ class WriteWriter(CFunctionWriter):
     # ---- values -------------------------------------------------------------------------------------------
 
     def values(self, segments: Iterable[Segment], taken: Taken) -> None:
-        """All values of a list of segments, also those in its wraps."""
+        """Write all values of a list of segments, including those in its wraps."""
         tasks: list[Task] = []
         for segment in segments:
             tasks += self.tasks_of(segment, taken)
@@ -212,7 +217,7 @@ class WriteWriter(CFunctionWriter):
         run_in_order(tasks)
 
     def _guarded(self, task: Task) -> None:
-        """A task that has to go on without what it waits for takes that from what is given; C has no such values."""
+        """Set `missing` while a task runs that breaks a circle of dependencies."""
         write = task.write
 
         def checked(missing: set[str]) -> None:
@@ -223,6 +228,7 @@ class WriteWriter(CFunctionWriter):
         task.write = checked
 
     missing: set[str] = set()  # noqa: RUF012 - never changed in place
+    """The names that the current task takes from the given values."""
 
     def tasks_of(self, segment: Segment, taken: Taken) -> list[Task]:
         self.scopes[id(segment)] = taken
@@ -230,7 +236,7 @@ class WriteWriter(CFunctionWriter):
         return [] if values is None else values(self, segment, taken)
 
     def with_missing(self, taken: Taken) -> Taken:
-        """Where values wait for each other in a circle, those that are not worked out yet are the given ones."""
+        """Return the source of the values with missing names replaced by the given values."""
         if not self.missing:
             return taken
         given = scope_of(taken.struct, taken.path).entries
@@ -238,7 +244,7 @@ class WriteWriter(CFunctionWriter):
         return Taken(scope, taken.struct, taken.path)
 
     def waits(self, *expressions: Expression | None) -> set[str]:
-        """What has to be there before these expressions can be worked out."""
+        """Return the tokens that must be available before these expressions can be evaluated."""
         found: set[str] = set()
         for expression in expressions:
             if expression is not None:
@@ -249,12 +255,12 @@ class WriteWriter(CFunctionWriter):
         return found
 
     def outer_names(self, segment: Segment) -> set[str]:
-        """What is read inside a segment but is not given there."""
+        """Return the names that a segment reads but does not provide itself."""
         given = {name for one in flat((segment,)) for name in one.value_names}
         return self._read_in(segment) - (given if segment.inner_record is None else set())
 
     def _read_in(self, segment: Segment) -> set[str]:
-        """What a segment reads with all in it, but for what its records give themselves."""
+        """Return the names that a segment and its content read, except those its records provide."""
         found = self.waits(*expressions_of(segment.with_lists(lambda _: ())))
         if isinstance(segment, Length):
             found |= set(segment.of)
@@ -263,14 +269,14 @@ class WriteWriter(CFunctionWriter):
         return found | inside - {name for one in flat(segment.members) for name in (one.name, *one.value_names)}
 
     def size_by_length(self, segment: Segment) -> bool:
-        """Whether the size of a segment is nothing but a length that counts it."""
+        """Return whether the size of a segment is exactly a length that counts it."""
         return size_follows_value(segment, self.by_path)
 
     def given_flag(self, member: CMember, taken: Taken) -> str:
         return f"{taken.path}{member.flag}" if member.has else "true"
 
     def refuse_given(self, segments: Iterable[Segment], taken: Taken, but: Iterable[Segment] = ()) -> None:
-        """What is given for segments that are not there is refused."""
+        """Write the refusal of values that are given for absent segments."""
         here = {name for one in flat(but) for name in one.value_names}
         for one in flat(segments):
             for name in one.value_names:
@@ -282,7 +288,7 @@ class WriteWriter(CFunctionWriter):
     # ---- bytes --------------------------------------------------------------------------------------------
 
     def bytes(self, segments: Iterable[Segment], taken: Taken) -> None:
-        """The bytes of a list of segments."""
+        """Write the bytes of a list of segments."""
         for segment in segments:
             put = self.kind_of(segment).put
             if put is None:
@@ -301,7 +307,7 @@ class WriteWriter(CFunctionWriter):
                 self.fail_if(call, "value")
 
     def open_text(self, segment: Field) -> None:
-        """A text before one of several ends: one of them has to follow."""
+        """Record a text that must be followed by one of several delimiters."""
         self.file.helper("find_stop")
         stops = self.stops(segment.type)
         place = self.local("size_t", "text_stop")
@@ -321,13 +327,13 @@ class WriteWriter(CFunctionWriter):
                 self.fail("value")
 
     def pointer(self) -> str:
-        """The local that points to where bytes go."""
+        """Return the local that points to the destination of bytes."""
         if "to_place" not in self.used:
             self.local("uint8_t *", "to_place", "NULL")
         return "to_place"
 
     def can_say(self, expression: Expression, taken: Taken, name: str) -> bool:
-        """Whether what a value is worked out by, if it is not given, has a form in C; it is told where it has none."""
+        """Return whether the expression for a value that is not given has a C form; a missing form is reported."""
         try:
             value = self.writer(taken.scope).value(expression)
         except CannotSayError as error:
@@ -336,19 +342,19 @@ class WriteWriter(CFunctionWriter):
         return value.kind != "other"
 
     def number_or_nothing(self, expression: Expression, taken: Taken) -> Val:
-        """A number that may be nothing: its condition is told, and it can be read where that holds."""
+        """Return a number that may be absent, with the condition of its presence."""
         value = self.writer(taken.scope).value(expression)
         if value.kind != "number":
             raise CannotSayError(expression.at, "a size that is no number")
         return value
 
     def is_simple(self, path: str) -> bool:
-        """Whether the room of a segment follows from its value."""
+        """Return whether the size of a segment follows from its value."""
         segment = self.by_path.get(path)
         return isinstance(segment, (Data, Field, Repeat))
 
     def simple_room(self, path: str, taken: Taken, plain: bool) -> str | None:
-        """Text of the bytes that a segment takes, if that follows from values; None if they have to be put together."""
+        """Return the text of a segment's size if it follows from values; None if its bytes must be assembled first."""
         every = [one for one in everything(self.segments) if one.path == path]
         if len(every) != 1:
             return None

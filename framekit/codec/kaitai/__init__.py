@@ -1,1 +1,5 @@
-"""A Kaitai Struct file from a definition. `generate` puts it together; what Kaitai cannot say is told."""
+"""Convert between definitions and Kaitai Struct files.
+
+`generate` writes a file from a definition, `importing` a definition from a file. Parts without a counterpart are
+reported.
+"""

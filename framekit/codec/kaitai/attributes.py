@@ -1,6 +1,6 @@
-"""Attributes of a Kaitai Struct file: what their keys say without any value; regions, and the work that is done.
+"""Read attributes of a Kaitai Struct file as far as their keys need no values; track regions and the amount of work.
 
-Sizes that need no values are found here, so that it can be told what stands behind an attribute.
+Sizes that need no values are computed here, so that the number of bytes after an attribute is known.
 """
 
 from __future__ import annotations
@@ -28,12 +28,13 @@ from framekit.definition.wire_types import NOTHING, Sizes
 
 Keys = dict[str, Any]
 MOST_SEGMENTS = 4000
-"""Segments of a frame, with those of everything in it."""
+"""Limit of the segments of a frame, including nested segments."""
 MOST_WORK = 100_000
-"""Segments and parts of expressions of all frames together."""
+"""Limit of the segments and parts of expressions of all frames together."""
 DEEPEST = 24
-"""Types that use each other."""
+"""Limit of the nesting depth of types that use each other."""
 MOST_BYTES = 1 << 20
+"""Limit of a constant size in bytes."""
 NUMBER = re.compile(r"([us])([1248])(le|be)?")
 FLOAT = re.compile(r"f([48])(le|be)?")
 BITS = re.compile(r"b([1-9][0-9]?)(le|be)?")
@@ -45,21 +46,22 @@ OF_BYTES = OF_TEXTS - {"encoding"} | {"process"}
 
 
 class LeftOutError(Exception):
-    """Something cannot be taken over; why has been told."""
+    """Raised after a part that cannot be imported has been reported."""
 
 
 class WorkDone:
-    """Counts what has been written. Raises CannotSayError when that is too much."""
+    """Count the parts that have been written. Raises CannotSayError beyond the limit."""
 
     def __init__(self) -> None:
         self.all = 0
         self._begun = 0
 
     def begin(self) -> None:
-        """A frame begins."""
+        """Start the count of a frame."""
         self._begun = self.all
 
     def add(self, at: Position, number: int) -> None:
+        """Count `number` parts. Raises CannotSayError beyond the limits of the file or of the frame."""
         self.all += number
         if self.all > MOST_WORK:
             raise CannotSayError(at, "the file says too much in all", f"{MOST_WORK} parts are taken over; divide it")
@@ -69,16 +71,16 @@ class WorkDone:
 
 @dataclass(slots=True, eq=False)
 class Region:
-    """A stream: the whole one, or one of an attribute with a size.
-
-    `is_taken`: something has taken all that was left. `counts_back`: something has taken what was left less what
-    stands behind. `is_exact`: the description itself says that it ends. `most`: how long it may be.
-    """
+    """A stream: the whole stream, or the substream of an attribute with a size."""
 
     is_taken: bool = False
+    """Whether a part has taken all remaining bytes."""
     counts_back: bool = False
+    """Whether a part has taken the remaining bytes except those of the parts after it."""
     is_exact: bool = False
+    """Whether the description itself states where the region ends."""
     most: int | None = None
+    """The maximum size in bytes, or None."""
 
     @property
     def is_used_up(self) -> bool:
@@ -87,14 +89,14 @@ class Region:
 
 @dataclass(slots=True)
 class KsyPart:
-    """Segments, and the bytes that they take."""
+    """Segments, and the number of bytes that they take."""
 
     segments: list[Keys]
     sizes: Sizes = NOTHING
 
 
 def is_end(attribute: KsyAttribute) -> bool:
-    """Whether an attribute takes no bytes, and says that the stream ends there."""
+    """Return whether an attribute takes no bytes and only states that the stream ends there."""
     size, valid = attribute.keys.get("size"), attribute.keys.get("valid")
     said = valid.value("expr") if isinstance(valid, MappingNode) and len(valid.entries) == 1 else None
     if not isinstance(size, Scalar) or whole(size.text) != 0 or not isinstance(said, Scalar):
@@ -103,7 +105,7 @@ def is_end(attribute: KsyAttribute) -> bool:
 
 
 def greatest(attribute: KsyAttribute) -> int | None:
-    """The greatest size of its stream, where that is all that an attribute says."""
+    """Return the maximum size of the stream if that is all an attribute states, else None."""
     size, valid = attribute.keys.get("size"), attribute.keys.get("valid")
     said = valid.value("expr") if isinstance(valid, MappingNode) and len(valid.entries) == 1 else None
     if not isinstance(size, Scalar) or whole(size.text) != 0 or not isinstance(said, Scalar):
@@ -117,28 +119,29 @@ def plain_encoding(written: str) -> str:
 
 
 def with_keys(attribute: KsyAttribute, **changes: YamlNode | None) -> KsyAttribute:
-    """An attribute with other keys; None takes one out."""
+    """Return an attribute with changed keys; a key with the value None is removed."""
     keys = {key: node for key, node in attribute.keys.items() if key not in changes}
     return KsyAttribute(attribute.at, attribute.name, keys | {k: v for k, v in changes.items() if v is not None})
 
 
 def without_repeat(attribute: KsyAttribute) -> KsyAttribute:
-    """An attribute without its condition and repetition."""
+    """Return an attribute without its condition and repetition."""
     out = {"if", "repeat", "repeat-expr", "repeat-until"}
     keys = {key: node for key, node in attribute.keys.items() if key not in out}
     return KsyAttribute(attribute.at, attribute.name, keys)
 
 
 class StaticTypes:
-    """Sizes of types that need no values, each found once."""
+    """Compute the sizes of types that need no values; each is computed once."""
 
     def __init__(self) -> None:
         self._known: dict[KsyType, int | None] = {}
         self._depth = 0
 
     def of_type(self, type_: KsyType) -> int | None:
+        """Return the size of a type in bytes, or None if it varies."""
         if type_ not in self._known:
-            self._known[type_] = None  # for a type that stands in itself
+            self._known[type_] = None  # for a type that contains itself
             self._depth += 1
             if self._depth <= DEEPEST:
                 self._known[type_] = self.behind(type_)[-1]
@@ -146,8 +149,8 @@ class StaticTypes:
         return self._known[type_]
 
     def behind(self, type_: KsyType) -> list[int | None]:
-        """The bytes behind each attribute of a type, and as the last one those of all of it."""
-        units: list[tuple[int, int | None]] = []  # attributes that share bytes, and their size
+        """Return the number of bytes after each attribute of a type, and finally the size of the whole type."""
+        units: list[tuple[int, int | None]] = []  # number of attributes that share bytes, and their size
         bits = 0
         for attribute in type_.seq:
             width = bits_of(attribute, type_)
@@ -167,6 +170,7 @@ class StaticTypes:
         return [*reversed(found), after]
 
     def of_attribute(self, attribute: KsyAttribute, type_: KsyType) -> int | None:
+        """Return the size of an attribute in bytes, or None if it varies."""
         keys = attribute.keys
         size = keys.get("size")
         number = whole(size.text) if isinstance(size, Scalar) else None
@@ -192,27 +196,27 @@ class StaticTypes:
 
 
 class FileParts(Interface):
-    """What types ask of the file that is being written."""
+    """The file being written, as far as types need it."""
 
     work: WorkDone
     order: str
     static: StaticTypes
 
     def tell(self, at: Position, what: str, todo: str, *, warning: bool = False) -> None:
-        """Notes what is left out, or, as a warning, what is taken over with a difference."""
+        """Report an omitted part, or as a warning a part that is imported with a difference."""
 
     def table(self, enum: KsyEnum) -> str:
-        """The name of the table of an enumeration."""
+        """Return the name of the table of an enumeration."""
 
     def layout(self, type_: KsyType, segments: list[Keys]) -> str:
-        """The name of the layout of these segments."""
+        """Return the name of the layout with these segments."""
 
     def letters(self) -> str:
-        """The name of a parameter that holds the characters of ASCII."""
+        """Return the name of a parameter that holds the ASCII characters."""
 
 
 def bits_of(attribute: KsyAttribute, type_: KsyType) -> tuple[int, str] | None:
-    """How many bits an attribute has, and from which end they are counted; None where it is no field of bits."""
+    """Return the number of bits of an attribute and their order; None for an attribute that is no bit field."""
     said = attribute.keys.get("type")
     match = BITS.fullmatch(said.text) if isinstance(said, Scalar) else None
     if match is None or not 1 <= int(match[1]) <= 64:
@@ -221,7 +225,7 @@ def bits_of(attribute: KsyAttribute, type_: KsyType) -> tuple[int, str] | None:
 
 
 def contents_of(node: YamlNode) -> bytes:
-    """The bytes of `contents`. In a list, texts of digits are bytes, too, as Kaitai takes them.
+    """Return the bytes of `contents`. In a list, texts of digits are bytes too, as in Kaitai.
 
     Raises CannotSayError.
     """
@@ -243,7 +247,7 @@ def contents_of(node: YamlNode) -> bytes:
 
 
 def _byte_of(item: Scalar) -> int | None:
-    """The number of an item of `contents`; None for a text. Raises CannotSayError."""
+    """Return the number of an item of `contents`, or None for a text. Raises CannotSayError."""
     if item.quoted:
         return int(item.text, 0 if "x" in item.text else 10) if _DIGITS_IN_TEXT.fullmatch(item.text) else None
     if item.text.strip()[:2].lower() == "0o":
@@ -252,7 +256,7 @@ def _byte_of(item: Scalar) -> int | None:
 
 
 def left_of(node: Node) -> int | None:
-    """N of `_io.size - _io.pos - N`, the bytes that are left less N; None for everything else."""
+    """Return N of `_io.size - _io.pos - N`, the remaining bytes except N; None for any other expression."""
     match node:
         case Binary(
             operator="-",
@@ -267,7 +271,7 @@ def left_of(node: Node) -> int | None:
 
 
 def left_more(node: Node) -> int | None:
-    """N of a condition that more than N bytes are left; None for everything else."""
+    """Return N of a condition that more than N bytes remain; None for any other condition."""
     match node:
         case Unary(operator="not", operand=Attribute(value=Name(name="_io"), name="eof")):
             return 0
@@ -278,4 +282,5 @@ def left_more(node: Node) -> int | None:
 
 
 def is_built_in(text: str) -> bool:
+    """Return whether a type is built into Kaitai."""
     return text in ("str", "strz") or any(one.fullmatch(text) for one in (NUMBER, FLOAT, BITS))

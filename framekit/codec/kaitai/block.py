@@ -1,4 +1,4 @@
-"""A type of a Kaitai file: what is read, in its order, and the values that are made of that."""
+"""Write a type of a Kaitai file: the attributes in order, and the instances that compute values from them."""
 
 from __future__ import annotations
 
@@ -46,16 +46,19 @@ from framekit.definition.problems import CannotSayError
 
 _LATER = KsyEntry("", "any", {}, "Kaitai reads it only later")
 _MOST_MORE = 2000
-"""Characters that say how many bytes parameters add behind a part."""
+"""Limit of the length of the text for conditional bytes after a part."""
 
 
 @dataclass(frozen=True, slots=True)
 class BytesBehind:
-    """The bytes behind a part of a stream: a number, and what parameters add. `is_open`: nothing says how many."""
+    """The number of bytes after a part of a stream."""
 
     fixed: int = 0
+    """The constant number of bytes."""
     more: str = ""
+    """The text of the bytes that depend on parameters."""
     is_open: bool = False
+    """Whether the number is unknown."""
 
     @property
     def text(self) -> str:
@@ -71,30 +74,31 @@ OPEN = BytesBehind(is_open=True)
 
 
 class KsyBlock:
-    """A type being written. Raises CannotSayError for what it cannot be read without."""
+    """Write a type. Raises CannotSayError for a part that is required to read it."""
 
     def __init__(self, frame: KsyFrame, scope: Scope, segments: Segments = ()) -> None:
         self.frame, self.file, self.scope = frame, frame.file, scope
         self.expressions = frame.file.expressions
         self.names = KsyNames()
         self.own = {name: self.names.new(name) for segment in segments for name in segment.value_names}
-        """Names of values; those of raw numbers and the like come after them."""
+        """The names of values, reserved before the names of raw numbers and other helpers."""
         self.params: list[Keys] = []
         self.seq: list[Keys] = []
         self.instances: dict[str, Keys] = {}
         self.always: set[str] = set()
-        """Values that are there whatever their condition says: they have a default."""
+        """Values that exist regardless of their condition, because they have a default."""
         self.at_end: list[tuple[Segment, Callable[[], None]]] = []
-        """What asks for values of the whole record."""
+        """Writers that need values of the whole record."""
         self.segments = segments
         scope.entries |= dict.fromkeys(by_value_name(segments), _LATER)
 
     def keys(self) -> Keys:
+        """Return the keys of the type in the file."""
         parts = {"params": self.params, "seq": self.seq, "instances": self.instances}
         return {name: part for name, part in parts.items() if part} or {"seq": []}
 
     def write(self, behind: BytesBehind) -> None:
-        """The segments; `behind`: bytes that stand behind them in the stream."""
+        """Write the segments, given the bytes after them in the stream."""
         after = self._all_behind(behind)
         for place, segment in enumerate(self.segments):
             following = self.segments[place + 1] if place + 1 < len(self.segments) else None
@@ -105,18 +109,18 @@ class KsyBlock:
                 write()
 
     def _own(self, name: str) -> str:
-        """The name of a value, or one like it."""
+        """Return the name of a value, or a new similar name."""
         return self.own[name] if name in self.own else self.names.new(name)
 
     def _all_behind(self, behind: BytesBehind) -> list[BytesBehind]:
-        """What stands behind each segment: those after it, and what is behind the list."""
+        """Return the bytes after each segment: those of later segments, and those after the list."""
         found = [behind]
         for segment in reversed(self.segments[1:]):
             found.append(self._behind(segment, found[-1]))
         return found[::-1]
 
     def _behind(self, segment: Segment, behind: BytesBehind) -> BytesBehind:
-        """A segment and what stands behind that."""
+        """Return the bytes of a segment and those after it."""
         size = self.file.static.present(segment).fixed
         if size is None or behind.is_open:
             return OPEN
@@ -133,7 +137,7 @@ class KsyBlock:
 
     @contextmanager
     def _under(self, segment: Segment) -> Iterator[str | None]:
-        """What is written here is there under the condition of the segment, which is given."""
+        """Add the condition of the segment to everything written in the context; the context value is the condition."""
         if segment.when is None:
             yield None
             return
@@ -221,7 +225,7 @@ class KsyBlock:
         self.file.tell(segment.at, what, why)
 
     def _room(self, segment: Segment, after: BytesBehind) -> str:
-        """The bytes that are left for a segment. Raises CannotSayError."""
+        """Return the text of the remaining bytes for a segment. Raises CannotSayError."""
         if after.is_open:
             raise self._not(segment, f"where {segment.title} ends", "what stands behind it has no fixed size")
         return HERE if after.is_nothing else f"{HERE} - {after.text}"
@@ -230,11 +234,11 @@ class KsyBlock:
         self, name: str, segments: Segments, behind: BytesBehind, *, apart: bool = False, items: bool = False,
         whole: bool = False, part: Presence | None = None,
     ) -> tuple[str, KsyBlock]:  # fmt: skip
-        """A type of its own. `apart`: it knows nothing of what is around; `items`: it is told its index, if it asks.
+        """Return a new type for segments, by its name and its block.
 
-        `whole`: it fills its stream.
-
-        `part`: what holds where it is read, if it is a part of this record that may be absent.
+        `apart`: the type cannot access its surroundings; `items`: it gets its index as a parameter if it needs it;
+        `whole`: it fills its stream; `part`: the condition under which it is read, if it is a part of this record that
+        may be absent.
         """
         scope = Scope(self.scope, is_record=part is None, is_apart=apart)
         scope.holds |= set() if part is None else {part}
@@ -252,7 +256,7 @@ class KsyBlock:
         return type_, block
 
     def _up(self, block: KsyBlock, path: str, part: Presence | None = None) -> None:
-        """Values of a type inside that belong to the record of this one; `part`: see `_child`."""
+        """Add the values of an inner type to this record; `part`: see `_child`."""
         for name, entry in block.scope.entries.items():
             known = self.scope.entries.get(name, _LATER)
             found = entry.behind(path)
@@ -300,7 +304,7 @@ class KsyBlock:
             self._compare_is(field, lambda text: self._verify(keys, f"{value} == {text}", field.name), number.kind)
 
     def _compare_is(self, field: Field, verify: Callable[[str], None], kind: str) -> None:
-        """What `is` says, here or where all names are known."""
+        """Write the comparison with `is`, immediately or after all names are known."""
         assert field.is_ is not None
         is_ = field.is_
 
@@ -361,7 +365,7 @@ class KsyBlock:
         zero_means: int | None, unit: int = 1, *, values: Mapping[int, str] | None = None,
         default: Expression | None = None, condition: str | None = None,
     ) -> tuple[Keys, KsyForm]:  # fmt: skip
-        """One value; gives what is read, and its form, whose `value` makes of that what framekit does."""
+        """Write a value; return its keys, and its form, whose `value` converts the number to framekit's value."""
         keys, form = self._attribute(segment, name, type_)
         is_number = form.kind in ("int", "float")
         is_wide = plus != 0 or unit != 1
@@ -418,7 +422,9 @@ class KsyBlock:
     def _constant(
         self, expression: Expression, values: Mapping[int, str] | None, type_: FieldType | None = None
     ) -> str:  # fmt: skip
-        """An expression, the number of a name, or a number with a fraction as a field of a type holds it."""
+        """Return the text of an expression; a name becomes its number, a fraction is rounded as a field of the type
+        does.
+        """
         if isinstance(expression.root, Real):
             number = float(expression.root.value)
             if type_ is not None and type_.float_bits == 32:
@@ -432,16 +438,16 @@ class KsyBlock:
         return self.expressions.value(expression, self.scope).text
 
     def _valid(self, field: Field, value: str) -> Iterator[str]:
-        """The conditions on a value, which is a constant or has a name."""
+        """Yield the conditions on a value with constants or exclusive names."""
         if field.constants is not None:
             yield " or ".join(f"{value} == {_literal(one)}" for one in field.constants)
         if field.only and field.values:
             yield " or ".join(f"{value} == {number}" for number in field.values)
 
     def _verify(self, keys: Keys, text: str, name: str) -> None:
-        """A condition on `_`, what was read as the value of this name."""
+        """Add a condition on `_`, the value read under this name."""
         enum = keys.pop("enum", None)
-        if enum is not None:  # what is compared is a number, and the value is the name of one
+        if enum is not None:  # compare the number; the value is its name
             path = keys["id"]
             keys["id"] = self.names.new(f"{path}_raw")
             self.instances[path] = {"value": keys["id"], "enum": enum}
@@ -450,7 +456,7 @@ class KsyBlock:
         keys["valid"] = {"expr": text if known is None else f"({known}) and ({text})"}
 
     def _counted(self, segment: Length | Count) -> None:
-        """Compares a length or count with what it counts, unless that takes its size from it."""
+        """Compare a length or count with the counted segments, unless their size follows from it."""
         try:
             number = self._known(segment, segment.name)
             text = self._items_of(segment) if isinstance(segment, Count) else self._bytes_of(segment)
@@ -462,7 +468,7 @@ class KsyBlock:
             self._verify_here(segment.name, f"{number} == {_plus(text, segment.plus)}")
 
     def _items_of(self, count: Count) -> str:
-        """How many items there are; nothing where the list is read as long as the count says."""
+        """Return the text of the number of items; empty if the list takes its length from the count."""
         counted = next((one for one in self.segments if one.name == count.of and isinstance(one, Repeat)), None)
         if counted is None:
             raise self._not(count, f"'{count.of}'", "it is a part of something else")
@@ -471,7 +477,7 @@ class KsyBlock:
         return f"{self._known(counted, count.of)}.size"
 
     def _bytes_of(self, length: Length) -> str:
-        """The bytes that a length counts, in its unit; nothing where they are read as many as it says."""
+        """Return the text of the counted bytes in the unit of a length; empty if their size follows from the length."""
         counted = [one for one in self.segments if one.name in length.of]
         if len(counted) < len(length.of):
             raise self._not(length, "what it counts", "it is a part of something else")
@@ -486,7 +492,7 @@ class KsyBlock:
         return f"({text})" if length.unit == 1 else f"(({text}) / {length.unit})"
 
     def _bytes_in(self, length: Length, segment: Segment) -> str:
-        """The bytes of a segment on the wire, or before its conversion. Raises CannotSayError."""
+        """Return the text of the size of a segment, encoded or before its conversion. Raises CannotSayError."""
         is_plain_size = length.plain and (getattr(segment, "convert", None) or isinstance(segment, Wrap))
         fixed = self.file.static.present(segment).fixed
         if fixed is not None and not is_plain_size:
@@ -509,7 +515,7 @@ class KsyBlock:
         return self.file.static.all(repeat.of).fixed
 
     def _known(self, segment: Segment, name: str) -> str:
-        """The path of what was read, if it is always there. Raises CannotSayError."""
+        """Return the path of a value that is always present. Raises CannotSayError for other values."""
         entry = self.scope.entries[name]
         if entry.why_not or not self.scope.is_there(entry):
             raise self._not(segment, f"'{name}'", entry.why_not or "it may be absent")
@@ -544,7 +550,7 @@ class KsyBlock:
             self._bits_are(bits, part, None, "")
 
     def _native(self, bits: Bits, width: int, endian: str) -> None:
-        """Bits as Kaitai has them, from the highest or, in a little-endian number, from the lowest."""
+        """Write bits as Kaitai's bit fields, from the highest or, in a little-endian number, from the lowest."""
         parts = sorted(bits.parts, key=lambda one: one.low, reverse=endian == "be")
         place = width if endian == "be" else 0
         for part in [*parts, None]:
@@ -573,9 +579,9 @@ class KsyBlock:
         self._bits_are(bits, part, keys, value)
 
     def _bits_are(self, bits: Bits, part: BitsPart, keys: Keys | None, value: str) -> None:
-        """Compares a part with its constants, or with what `is` says, here or where all names are known.
+        """Compare bits with their constants, or with `is`, immediately or after all names are known.
 
-        `keys`: the attribute that reads `value`; None: it is compared by its path, behind it.
+        `keys`: the attribute that reads `value`; None: the bits are compared by their path in a later attribute.
         """
 
         def path() -> str:
@@ -634,7 +640,9 @@ class KsyBlock:
         self.scope.entries[segment.name] = KsyEntry(path, "bytes", {}, why)
 
     def _rest(self, segment: Segment, after: BytesBehind, following: Segment | None, never: bytes = b"") -> Keys:
-        """How what takes the rest ends: with the stream, before what is behind, or at a constant."""
+        """Return the keys for the end of a segment that takes the rest: the end of the stream, a size, or a
+        terminator.
+        """
         if after.is_nothing:
             return {"size-eos": True}
         if not after.is_open:
@@ -644,7 +652,7 @@ class KsyBlock:
         return {"size": self._room(segment, after)}
 
     def _value(self, value: Value) -> bool:
-        """Whether it can be said with what is known here."""
+        """Write a computed value if all names it needs are known; return whether they are."""
         try:
             said = self.expressions.value(value.read, self.scope)
         except CannotSayError as error:
@@ -656,7 +664,7 @@ class KsyBlock:
         return True
 
     def _last_value(self, value: Value) -> None:
-        """A value that follows from what stands behind it."""
+        """Write a value that depends on later segments."""
         try:
             self.expressions.value(value.read, self.scope)
         except CannotSayError as error:
@@ -681,7 +689,7 @@ class KsyBlock:
         region = repeat.times == "rest" and not after.is_nothing
         room = self._room(repeat, after) if region else None
         path = self._own(repeat.name)
-        if region:  # a stream of its own, which the items fill
+        if region:  # a separate stream that the items fill
             holder = KsyBlock(self.frame, Scope(self.scope))
             holder.scope.entries[repeat.name] = _LATER
             holder._items(repeat, "items")
@@ -801,13 +809,13 @@ class KsyBlock:
             keys["type"] = FramesInside(self.file, self.names, self.instances).told_apart(
                 inner, path, frames, keys.get("size", HERE)
             )
-            if "size" in keys or "size-eos" in keys:  # in a room of its own what is no frame stays bytes
+            if "size" in keys or "size-eos" in keys:  # in a sized region, bytes that are no frame stay bytes
                 keys["type"]["cases"].pop("_", None)
         self.seq.append(keys)
         self.scope.entries[inner.name] = KsyEntry(path, "inner")
 
     def _needs_end(self, name: str, seen: set[str]) -> bool:
-        """Whether a frame is read up to the end of the stream; `seen`: those that have been asked."""
+        """Return whether a frame is read up to the end of the stream; `seen`: the frames already visited."""
         if name in seen:
             return False
         seen.add(name)
@@ -817,13 +825,13 @@ class KsyBlock:
 
 
 def _is_short(type_: FieldType, is_changed: bool) -> bool:
-    """Whether a number that is worked out has 32 bits at most."""
+    """Return whether a computed number has at most 32 bits."""
     bounds = type_.bounds
     return not is_changed and bounds is not None and bounds[0] >= -(1 << 31) and bounds[1] < 1 << 31
 
 
 def _value_text(number: str, plus: int, zero_means: int | None, unit: int) -> str:
-    """The value that a number on the wire stands for."""
+    """Return the text of the value that an encoded number represents."""
     text = _plus(number, -plus)
     text = f"({text} * {unit})" if unit != 1 else text
     return text if zero_means is None else f"({number} == 0 ? {zero_means} : {text})"
@@ -834,19 +842,19 @@ def _plus(number: str, more: int) -> str:
 
 
 def _is_name(size: object, name: str) -> bool:
-    """Whether a size is just this name."""
+    """Return whether a size consists only of this name."""
     return isinstance(size, Expression) and isinstance(size.root, Name) and size.root.name == name
 
 
 def _takes_rest(segment: Segment) -> bool:
-    """Whether its end is that of the stream."""
+    """Return whether a segment ends with the stream."""
     if isinstance(segment, Inner):
         return not isinstance(segment.size, (int, Expression))
     return segment.takes_rest or isinstance(segment, (Fill, Optional)) or getattr(segment, "times", 0) == "rest"
 
 
 def _name(segment: Segment, word: str) -> str:
-    """The name that a definition gives a segment, or what it is."""
+    """Return the name of a segment in the definition, or `word` if it has none."""
     return segment.name if segment.name and not segment.name.startswith("_") else word
 
 

@@ -1,7 +1,7 @@
-"""What the cases of a choice of a Kaitai Struct file say together: the choice as a segment, and what its name means.
+"""Combine the cases of a choice in a Kaitai Struct file: the choice as a segment, and the meaning of its name.
 
-A choice has one name for all of its cases. Expressions can ask for what every case, or every case of one type, says in
-the same way; the rest has no meaning outside of its case.
+All cases of a choice share one name. Expressions can read a name inside it that has the same meaning in every case, or
+in every case of one type; other names have no meaning outside of their case.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ _CASE = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
 def entry_of_cases(name: str, entries: list[tuple[str, KsyMeaning]], always: bool) -> KsyMeaning:
-    """What the name of a choice stands for: a record of one of several types, or numbers of one kind.
+    """Return the meaning of a choice's name: a record of one of several types, or values of one kind.
 
-    `always`: one of the cases is always there.
+    `always`: one of the cases is always present.
     """
     kinds = {entry.kind for _, entry in entries}
     if kinds == {"record"} or (kinds == {"record", "bytes"}):
@@ -39,7 +39,7 @@ def entry_of_cases(name: str, entries: list[tuple[str, KsyMeaning]], always: boo
 
 
 def _lose_what_differs(one: KsyScope, other: KsyScope) -> None:
-    """Of a type that stands in two cases: names that are not said in the same way in both, such as parameters."""
+    """Remove the names of a type in two cases whose meanings differ, such as parameters."""
     for name, here in [*one.entries.items()]:
         there = other.entries.get(name)
         if there is None or _said(here) != _said(there):
@@ -52,12 +52,12 @@ def _lose_what_differs(one: KsyScope, other: KsyScope) -> None:
 
 
 def _said(entry: KsyMeaning) -> tuple[object, ...]:
-    """A meaning without the scopes in it."""
+    """Return a meaning without its inner scopes."""
     return replace(entry, scope=None, cases={}), entry.scope is None, tuple(entry.cases)
 
 
 def choose(on: Translated, cases: Mapping[int | str, KsyPart], otherwise: KsyPart) -> Keys:
-    """A choice; texts that YAML or our language would take for something else are numbered."""
+    """Return a choice as a segment; if a case key would not be read as text, all keys are numbered."""
     if all(isinstance(key, int) or _CASE.fullmatch(key) for key in cases):
         segment: Keys = {"choose": on.text, "cases": {key: part.segments for key, part in cases.items()}}
     else:

@@ -1,7 +1,7 @@
-"""A Kaitai Struct file as it is written: its types with their attributes, instances and enumerations, and positions.
+"""Read a Kaitai Struct file: its types with their attributes, instances and enumerations, with positions.
 
-Nothing has a meaning yet. What has another form than such a file has is noted, and what is right beside it is kept.
-Source: the user guide of Kaitai Struct and the reference of the KSY format.
+Names are not resolved here. A part with a wrong form is reported, and the correct parts around it are kept. Source: the
+user guide of Kaitai Struct and the reference of the KSY format.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from framekit.definition.nodes import Mapping, Node, Scalar, Sequence
 from framekit.definition.problems import CannotSayError, Position
 
 DEEPEST_TYPES = 40
-"""Types that are written inside each other."""
+"""Limit of the nesting depth of types."""
 NAME = re.compile(r"[a-z][a-z0-9_]*")
 _WHOLE = re.compile(r"[-+]?(?:0[xX][0-9a-fA-F_]+|0[bB][01_]+|0[oO][0-7_]+|[0-9][0-9_]*)")
 _TWO_NUMBERS = re.compile(r"[-+]?(?:0[0-7_]*[1-7][0-7_]+|[1-9][0-9_]*(?::[0-5]?[0-9])+)")
-"""Plain scalars that are other numbers in YAML 1.1 (in base 8 and 60), which compilers of Kaitai read, than in 1.2."""
+"""Plain scalars that YAML 1.1 (Kaitai's compilers) reads as other numbers than YAML 1.2: octal and base 60."""
 _META_SAYS_NOTHING = (
     "application", "file-extension", "xref", "license", "ks-version", "ks-debug", "ks-opaque-types", "tags",
 )  # fmt: skip
@@ -28,16 +28,17 @@ _NOT_OF_BYTES = "a definition has no place for it"
 
 @dataclass(frozen=True, slots=True)
 class KsyEnum:
-    """An enumeration: its numbers with their names. `place`: the types around it, outermost first, and its name."""
+    """An enumeration: its numbers with their names."""
 
     place: tuple[str, ...]
+    """The types around it, outermost first, and its name."""
     members: dict[str, int]
     docs: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(slots=True)
 class KsyAttribute:
-    """An attribute, an instance or a parameter; `keys` are those that stand in the file."""
+    """An attribute, an instance or a parameter, with the keys of the file."""
 
     at: Position
     name: str
@@ -49,12 +50,12 @@ class KsyAttribute:
         return " ".join(one for part in parts if part is not None for one in texts(part))
 
     def text(self, key: str) -> str | None:
-        """The text of a key. Raises CannotSayError where a list or mapping stands."""
+        """Return the text of a key. Raises CannotSayError for a list or a mapping."""
         node = self.keys.get(key)
         return None if node is None else scalar(node, key).text
 
     def flag(self, key: str, default: bool) -> bool:
-        """Raises CannotSayError."""
+        """Return the truth value of a key. Raises CannotSayError for any other value."""
         node = self.keys.get(key)
         if node is None:
             return default
@@ -64,7 +65,7 @@ class KsyAttribute:
         return text in ("true", "yes")
 
     def byte(self, key: str) -> int | None:
-        """Raises CannotSayError."""
+        """Return the byte of a key, 0 to 255, or None. Raises CannotSayError for any other value."""
         node = self.keys.get(key)
         if node is None:
             return None
@@ -76,7 +77,7 @@ class KsyAttribute:
 
 @dataclass(slots=True, eq=False)
 class KsyType:
-    """A type; `around` is the one that it is written in, None for that of the file."""
+    """A type; `around` is the enclosing type, None for the type of the file."""
 
     name: str
     at: Position
@@ -94,23 +95,23 @@ class KsyType:
 
     @property
     def names(self) -> frozenset[str]:
-        """The names of all its values."""
+        """Return the names of all its values."""
         return frozenset((*(one.name for one in self.seq), *self.instances, *self.params))
 
     @property
     def path(self) -> tuple[str, ...]:
-        """The types around it, outermost first, and its name; that of the file is left out."""
+        """Return the enclosing types, outermost first, and the own name; the type of the file is omitted."""
         return () if self.around is None else (*self.around.path, self.name)
 
     def outwards(self) -> Iterator[KsyType]:
-        """The type and those around it."""
+        """Yield the type and its enclosing types, innermost first."""
         here: KsyType | None = self
         while here is not None:
             yield here
             here = here.around
 
     def find_type(self, name: str) -> KsyType | None:
-        """What a name, or `outer::inner`, means where this type uses it."""
+        """Return the type that a name, or `outer::inner`, means in this type; None if it is unknown."""
         first, *others = name.removeprefix("::").split("::")
         for here in self.outwards():
             found: KsyType | None = here.types.get(first)
@@ -123,7 +124,7 @@ class KsyType:
         return None
 
     def find_enum(self, path: tuple[str, ...]) -> KsyEnum | None:
-        """What the name of an enumeration means here."""
+        """Return the enumeration that a name means in this type; None if it is unknown."""
         *outer, name = path
         for here in self.outwards():
             there: KsyType | None = here
@@ -136,7 +137,7 @@ class KsyType:
 
 @dataclass(slots=True)
 class Description:
-    """A file. `top`: the type of the file itself, `title` and `source` are what its meta says."""
+    """A file: `top` is its type, `title` and `source` come from its meta section."""
 
     top: KsyType
     title: str
@@ -144,20 +145,20 @@ class Description:
 
 
 class Tell(Interface):
-    """Notes what is left out, or, as a warning, what is taken over with a difference or says nothing of bytes."""
+    """Report an omitted part, or as a warning a part that differs or does not concern bytes."""
 
     def __call__(self, at: Position, what: str, todo: str, *, warning: bool = False) -> None: ...
 
 
 def scalar(node: Node, key: str) -> Scalar:
-    """Raises CannotSayError."""
+    """Return a node as a scalar. Raises CannotSayError for a list or a mapping."""
     if not isinstance(node, Scalar):
         raise CannotSayError(node.at, f"{key}: holds a list or a mapping", "write a single value")
     return one_number(node)
 
 
 def one_number(node: Scalar) -> Scalar:
-    """A scalar that is no number, or the same one in every YAML. Raises CannotSayError."""
+    """Return a scalar unchanged. Raises CannotSayError for a number that YAML 1.1 and 1.2 read differently."""
     if not node.quoted and _TWO_NUMBERS.fullmatch(node.text.strip()):
         what = f"the number {node.text[:20]} is another one in YAML 1.1 than in 1.2"
         raise CannotSayError(node.at, what, "write it in base 10 or 16, without zeros before it")
@@ -165,26 +166,26 @@ def one_number(node: Scalar) -> Scalar:
 
 
 def texts(node: Node) -> Iterator[str]:
-    """The texts of a scalar, or of a list of some, each on one line."""
+    """Yield the texts of a scalar or of a list of scalars, each on one line."""
     for one in node.items if isinstance(node, Sequence) else (node,):
         if isinstance(one, Scalar):
             yield " ".join(one.text.split())
 
 
 def whole(text: str) -> int | None:
-    """A whole number as Kaitai writes them; None for everything else."""
+    """Return a whole number in Kaitai's notation; None for any other text."""
     text = text.strip()
     if len(text) > 80 or not _WHOLE.fullmatch(text):
         return None
     digits = text.replace("_", "")
     try:
         return int(digits, 0 if digits.lstrip("-+")[1:2].isalpha() else 10)
-    except ValueError:  # 0x alone
+    except ValueError:  # for example a bare 0x
         return None
 
 
 def read_description(root: Node, tell: Tell) -> Description | None:
-    """The file of a tree; None, told, where the tree is none."""
+    """Return the file of a tree; None, after a report, if the tree is not a mapping."""
     if not isinstance(root, Mapping):
         tell(root.at, "this is no description of Kaitai Struct", "begin with meta:")
         return None
@@ -202,6 +203,8 @@ def read_description(root: Node, tell: Tell) -> Description | None:
 
 
 class _KsyReader:
+    """Read the nodes of a file into types, and report wrong forms."""
+
     def __init__(self, tell: Tell) -> None:
         self.tell = tell
 

@@ -1,6 +1,6 @@
-"""Expressions of a definition in Kaitai's language, which tells numbers, flags, texts and bytes apart.
+"""Translate expressions of a definition to Kaitai's language, which distinguishes numbers, flags, texts and bytes.
 
-A name is a path from the type in which the expression stands: `count`, `_parent.count`, `part.as<case_1>.count`.
+A name becomes a path from the type that contains the expression: `count`, `_parent.count`, `part.as<case_1>.count`.
 """
 
 from __future__ import annotations
@@ -32,59 +32,65 @@ from framekit.definition.model.segments import LAST, PREVIOUS
 from framekit.definition.problems import CannotSayError, Position
 
 MOST_ENTRIES = 64
-"""Entries of a table that become a chain of choices."""
+"""Limit of the entries of a table that is written as a chain of conditionals."""
 MOST_TEXT = 8000
-"""Characters of an expression: one that names a part of it twice grows with each level."""
+"""Limit of the length of an expression, which may grow exponentially when parts are repeated."""
 TOP_NAMES = ("frame", "content", "end")
-"""What the type at the top has beside the parameters of the protocol."""
+"""Names of the top type, besides the parameters of the protocol."""
 _BINARY = {"+": "+", "-": "-", "*": "*", "//": "/", "%": "%", "&": "&", "|": "|", "^": "^", "<<": "<<", ">>": ">>"}
 _PARAMETERS = {"number": ("s8", "int"), "flag": ("bool", "bool"), "text": ("str", "str"), "choice": ("str", "str"),
                "bytes": ("bytes", "bytes"), "time": ("s8", "int")}  # fmt: skip
 MOST_NUMBER = (1 << 63) - 1
-"""The greatest number that Kaitai has; the least is as far below 0."""
+"""The greatest number in Kaitai; the least is its negative."""
 _FAILS = "(1 / 0)"
-"""What has no value: it fails where it is worked out."""
+"""An expression without a value: evaluating it fails."""
 
 
 Presence = tuple[object, object]
-"""A condition: the record that it belongs to, and what must hold there."""
+"""A condition: the record that it belongs to, and its expression."""
 
 
 @dataclass(frozen=True, slots=True)
 class KsyEntry:
-    """What a name stands for: its path, what kind of value that is, and what is in it.
-
-    `is_natural`: it is a number that is never negative; `needs`: what must hold, or it is not there.
-    """
+    """The meaning of a name."""
 
     path: str
+    """Its path in Kaitai."""
     kind: str
+    """The kind of its value."""
     members: Mapping[str, KsyEntry] = field(default_factory=dict)
+    """The names inside a record, or inside the items of a list."""
     why_not: str = ""
+    """Why the value cannot be used in expressions; empty if it can."""
     is_natural: bool = False
+    """Whether it is a number that is never negative."""
     needs: frozenset[Presence] = frozenset()
+    """The conditions under which it is present."""
 
     def behind(self, path: str) -> KsyEntry:
-        """The same, seen from a type that holds it at `path`."""
+        """Return the entry as seen from a type that holds it at `path`."""
         return replace(self, path=f"{path}.{self.path}")
 
 
 class Scope:
-    """Names that a type has, and those of the type around it, which is `up` away.
-
-    `is_record`: its values make a record of their own; `is_apart`: it is read where nothing around it is known;
-    `holds`: what is true wherever it is read.
-    """
+    """The names of a type and of the types around it; `up` is the path to the next outer type."""
 
     def __init__(
         self, outer: Scope | None = None, up: str = "_parent.", *, is_record: bool = True, is_apart: bool = False
     ) -> None:  # fmt: skip
+        """Create a scope.
+
+        `is_record`: the values form a record of their own; `is_apart`: the type is read without access to its
+        surroundings.
+        """
         self.outer, self.up, self.is_apart = outer, up, is_apart
         self.record: object = object() if outer is None or is_record else outer.record
         self.entries: dict[str, KsyEntry] = {}
         self.holds: set[Presence] = set()
+        """The conditions that are true wherever the type is read."""
 
     def find(self, name: str) -> KsyEntry | None:
+        """Return the entry of a name, its path adjusted to this scope, or None."""
         if name in self.entries:
             return self.entries[name]
         found = None if self.outer is None else self.outer.find(name)
@@ -93,7 +99,7 @@ class Scope:
         return None if found is None else replace(found, path=f"{self.up}{found.path}")
 
     def is_there(self, entry: KsyEntry) -> bool:
-        """Whether a value is there wherever this is read."""
+        """Return whether a value is present wherever this type is read."""
         left: frozenset[Presence] = entry.needs
         scope: Scope | None = self
         while left and scope is not None:
@@ -101,16 +107,16 @@ class Scope:
         return not left
 
     def condition(self, node: Node) -> Presence:
-        """That a condition holds in this record."""
+        """Return the fact that a condition holds in this record."""
         return self.record, _shape(node)
 
     def conditions(self, node: Node) -> set[Presence]:
-        """All that holds where a condition does."""
+        """Return all facts that follow from a condition."""
         parts = node.operands if isinstance(node, Logic) and node.operator == "and" else ()
         return {self.condition(one) for one in (node, *parts)}
 
     def where(self, *nodes: Node) -> Scope:
-        """The same scope where conditions hold."""
+        """Return this scope with the given conditions assumed true."""
         scope = Scope(self, "", is_record=False)
         for node in nodes:
             scope.holds |= self.conditions(node)
@@ -118,7 +124,7 @@ class Scope:
 
 
 def _shape(value: Any) -> object:
-    """An expression without the places where its parts stand."""
+    """Return an expression without its positions, for comparison."""
     if isinstance(value, Node):
         parts = (_shape(getattr(value, one.name)) for one in fields(value) if one.name != "at")
         return (type(value).__name__, *parts)
@@ -127,42 +133,40 @@ def _shape(value: Any) -> object:
 
 @dataclass(frozen=True, slots=True)
 class Said:
-    """A part of an expression: its text, which binds tightest, and its kind."""
+    """A translated part of an expression: its text, in parentheses if necessary, and its kind."""
 
     text: str
     kind: str
 
 
 class KaitaiExpressions:
-    """Writes the expressions of one protocol. `params`: what is asked of the outside, name → name here and type.
-
-    `tell` is told what is said, but not in every respect.
-    """
+    """Translate the expressions of a protocol; the callback `tell` receives each translation with different details."""
 
     def __init__(self, protocol: Protocol, tell: Callable[[Position, str, str], None]) -> None:
         self.protocol, self.tell = protocol, tell
         self.params: dict[str, tuple[str, str]] = {}
+        """Parameters of the top type by the protocol's names: Kaitai's name and type."""
         self._names = KsyNames(TOP_NAMES)
 
     def number(self, expression: Expression, scope: Scope) -> str:
-        """Raises CannotSayError."""
+        """Return an expression as a number. Raises CannotSayError."""
         return self._number(self.said(expression.root, scope), expression.root)
 
     def condition(self, expression: Expression, scope: Scope) -> str:
-        """Raises CannotSayError."""
+        """Return an expression as a condition. Raises CannotSayError."""
         return self._truth(expression.root, scope)
 
     def value(self, expression: Expression, scope: Scope) -> Said:
-        """Its text and kind; flags are numbers. Raises CannotSayError."""
+        """Return an expression as a value; flags become numbers. Raises CannotSayError."""
         said = self.said(expression.root, scope)
         return Said(self._number(said, expression.root), "int") if said.kind == "bool" else said
 
     def is_natural(self, expression: Expression, scope: Scope) -> bool:
-        """Whether it is certain that the number is never negative."""
+        """Return whether the number is certainly never negative."""
         return self._is_natural(expression.root, scope)
 
     def said(self, node: Node, scope: Scope) -> Said:
-        """Raises CannotSayError."""
+        """Return the translation of a node. Raises CannotSayError."""
         said = self._said(node, scope)
         if len(said.text) > MOST_TEXT:
             raise CannotSayError(node.at, "an expression is left out", f"it takes more than {MOST_TEXT} characters")
@@ -215,14 +219,14 @@ class KaitaiExpressions:
         raise self._not(node, "a number made of another kind of value")
 
     def _truth(self, node: Node, scope: Scope) -> str:
-        """Whether it counts as true."""
+        """Return the condition that a node is true."""
         if isinstance(node, Logic):
             flags = (self._truth(one, inside) for one, inside in _operands(node, scope))
             return f"({f' {node.operator} '.join(flags)})"
         return self._flag(self.said(node, scope), node)
 
     def _logic(self, node: Logic, scope: Scope) -> Said:
-        """The first operand that decides, as the language has it: `a or 5` is a number."""
+        """Return the value of the deciding operand, as in the definition language: `a or 5` is a number."""
         *others, last = [(one, self.said(one, inside)) for one, inside in _operands(node, scope)]
         if all(said.kind == "bool" for _, said in (*others, last)):
             return Said(self._truth(node, scope), "bool")
@@ -260,7 +264,7 @@ class KaitaiExpressions:
         return Said(f"_root.{self.params[name][0]}", kind)
 
     def _known(self, node: Node, name: str, entry: KsyEntry, scope: Scope) -> Said:
-        """Raises CannotSayError where it may not be there: Kaitai knows no value that is nothing."""
+        """Return the value of an entry. Raises CannotSayError if it may be absent, as Kaitai has no absent values."""
         why = entry.why_not or ("" if scope.is_there(entry) else "it may be absent, and Kaitai has no value for that")
         if why:
             raise CannotSayError(node.at, f"'{name}' is not asked for", why)
@@ -293,7 +297,7 @@ class KaitaiExpressions:
         return Said(f"{said.text}[{self._number(at, index)}]", "int")
 
     def _looked_up(self, node: Node, key: Node, scope: Scope, otherwise: Said | None) -> Said:
-        """An entry of a table of numbers, as a chain of choices."""
+        """Return an entry of a table of numbers, as a chain of conditionals."""
         name = node.value if isinstance(node, Index) else node.arguments[0] if isinstance(node, Call) else None
         table = self.protocol.tables[name.name] if isinstance(name, Name) else None
         entries = {} if table is None else dict(table.entries)
@@ -319,11 +323,11 @@ class KaitaiExpressions:
             if not isinstance(node.right, Number) or node.right.value <= 0:
                 why = "languages that Kaitai writes do not agree on divisions of negative numbers"
                 raise CannotSayError(node.at, f"the operator '{operator}' is left out", why)
-            a = f"({a} - {a} % {b})" if operator == "//" else a  # what is left can be divided exactly
+            a = f"({a} - {a} % {b})" if operator == "//" else a  # subtracting the remainder makes the division exact
         return Said(f"({a} {_BINARY[operator]} {b})", kind)
 
     def _is_natural(self, node: Node, scope: Scope) -> bool:
-        """Whether a number is never negative."""
+        """Return whether a number is never negative."""
         match node:
             case Number(value=value):
                 return value >= 0
@@ -392,7 +396,7 @@ class KaitaiExpressions:
 
 
 def _operands(node: Logic, scope: Scope) -> Iterator[tuple[Node, Scope]]:
-    """The operands of `and` and `or`: behind an `and`, those before it hold."""
+    """Yield the operands of `and` and `or` with their scopes; after an `and`, the earlier operands are true."""
     inside = scope.where()
     for operand in node.operands:
         yield operand, inside

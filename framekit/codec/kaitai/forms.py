@@ -1,4 +1,4 @@
-"""How values of a type stand in a Kaitai file: the attribute that is read, and what makes the value of it."""
+"""Define how values of a type are read in a Kaitai file: the attribute, and the conversion to the value."""
 
 from __future__ import annotations
 
@@ -11,31 +11,34 @@ from framekit.definition.decimals import SIGNS
 from framekit.definition.wire_types import FieldType, Order
 
 ENCODING = "ISO-8859-1"
-"""Texts of a definition are bytes, one a character."""
+"""Texts of a definition have one byte per character."""
 _WIDEST = 8
 
 
 @dataclass(frozen=True, slots=True)
 class KsyForm:
-    """The keys of the attribute; the kind of what it reads; `value` writes the value of the path of that, with `kind`.
-
-    `size` says whether a size has still to be added; `more`: bytes that stand behind it. `not_said`: why its value is
-    not the language's. `valid` writes the condition that it is written as the language wants it; `not_looked_at`: what
-    of that is not asked.
-    """
+    """The reading of a value."""
 
     keys: dict[str, Any]
+    """The keys of the attribute."""
     kind: str
+    """The kind of the value."""
     value: Callable[[str], str] | None = None
+    """Writes the value, given the path of the attribute; None if they are equal."""
     takes_size: bool = False
+    """Whether a size must be added to the keys."""
     not_said: str = ""
+    """How the value differs from the value of the definition; empty if both are equal."""
     more: bytes = b""
+    """Further bytes of its end mark."""
     valid: Callable[[str], str] | None = None
+    """Writes the condition that the value is encoded correctly."""
     not_looked_at: str = ""
+    """The part of the encoding that `valid` does not check; empty for none."""
 
 
 def form_of(type_: FieldType) -> KsyForm:
-    """How a type is read."""
+    """Return the reading of a type."""
     size = type_.fixed_size
     match type_.kind:
         case "int" if size is not None and size <= _WIDEST:
@@ -69,7 +72,7 @@ def _endian(order: Order) -> str:
 
 
 def wide(text: str) -> str:
-    """A number of 64 bits: what is worked out has 32 of them in some languages."""
+    """Return a number as 64 bits, since computed numbers have 32 bits in some target languages."""
     return f"{_atom(text)}.as<s8>"
 
 
@@ -78,7 +81,7 @@ def _signed(text: str, bits: int) -> str:
 
 
 def _places(size: int, order: Order) -> list[int]:
-    """Where the bytes of a number stand, the highest first."""
+    """Return the offsets of the bytes of a number, most significant first."""
     if order == "little":
         return [*range(size - 1, -1, -1)]
     if order == "BADC":
@@ -110,7 +113,7 @@ def _int(size: int, signed: bool, order: Order) -> KsyForm:
 
 def _digits(type_: FieldType, size: int | None) -> KsyForm:
     def number(path: str) -> str:
-        """The digits as a number; two of them are a byte, and bytes may stand in another order."""
+        """Return the digits as a number, with the pairs of digits in byte order."""
         base = "" if type_.base == 10 else f"({type_.base})"
         if type_.order == "big" or size is None:
             return f"{path}.to_i{base}"
@@ -142,7 +145,7 @@ def _only_digits(path: str, size: int, base: int) -> str:
 
 
 def _decimal(type_: FieldType) -> KsyForm:
-    """A whole number as text: it has one text only, which is made again and compared."""
+    """Return the reading of a whole number as text; the only valid text is formatted again and compared."""
     decimal = type_.form
     assert decimal is not None
     size, is_sized = type_.fixed_size, type_.size is not None

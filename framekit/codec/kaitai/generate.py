@@ -1,7 +1,9 @@
-"""A Kaitai Struct file from a definition: a type for each frame, and one above them that is told which frame it is.
+"""Generate a Kaitai Struct file from a definition: a type per frame, and a top type that takes the frame as a
+parameter.
 
-The stream holds one whole frame, as `framekit decode` is given it. What Kaitai cannot say is told with its place; a
-frame that cannot be read without it becomes a type that reads nothing and fails, so that no wrong value is shown.
+The stream holds one whole frame, like the input of `framekit decode`. Parts that Kaitai cannot express are reported
+with their position. A frame that is not readable without them becomes a type that fails, so that no wrong value is
+shown.
 """
 
 from __future__ import annotations
@@ -28,22 +30,28 @@ _FAILS: Keys = {"seq": [{"id": "nothing", "size": 0, "valid": {"expr": "false"}}
 
 @dataclass(frozen=True, slots=True)
 class KaitaiFile:
-    """The file. `types`: frame → name of its type; `frames`: those that are read; `params`: what the top type takes."""
+    """A generated file."""
 
     name: str
     text: str
     types: Mapping[str, str]
+    """The name of the type of each frame."""
     frames: tuple[str, ...]
+    """The frames that can be read."""
     params: tuple[str, ...]
+    """The parameters of the top type."""
     left_out: tuple[Problem, ...]
+    """The parts that are left out."""
 
 
 def generate_kaitai(protocol: Protocol) -> KaitaiFile:
-    """The file of a protocol."""
+    """Return the file of a protocol."""
     return _FileWriter(KsyFile(protocol)).write()
 
 
 class _FileWriter:
+    """Write the file of a protocol."""
+
     def __init__(self, file: KsyFile) -> None:
         self.file = file
         self.protocol, self.static = file.protocol, file.static
@@ -96,7 +104,9 @@ class _FileWriter:
         return KaitaiFile(self.file.name, text, self.file.types, tuple(read), asked, tuple(sorted(self.file.problems)))
 
     def _limit(self, frame: Frame, keys: Keys) -> None:
-        """How long a frame is, if that does not follow from its parts, and that it fills its stream."""
+        """Add the size limit of a frame, if it does not follow from its parts, and the check that it fills its
+        stream.
+        """
         most = self.static.frame(frame.name).most
         texts = ["_io.eof"] if frame.name in self.file.inside else []
         if any(isinstance(one, Fill) for one in self.static.segments(frame)):
@@ -128,7 +138,7 @@ def _told(problem: Problem) -> str:
 
 
 def _frame(file: KsyFile, frame: Frame) -> Keys:
-    """The type of a frame. Raises CannotSayError."""
+    """Return the type of a frame. Raises CannotSayError."""
     made = KsyFrame(file, frame)
     block = KsyBlock(made, Scope(), file.static.segments(frame))
     if frame.inside:

@@ -1,9 +1,9 @@
-"""A definition of a Kaitai Struct file: its types become layouts and frames, and what has no form is told.
+"""Import a definition from a Kaitai Struct file: types become layouts and frames; parts without a form are reported.
 
-The type of the file becomes a frame. Where it only switches on a parameter, each of the cases does; where it reads
-nothing, each of its types. A frame is the whole stream. Nothing is taken over nearly: what would read other bytes, or
-give other values, is left out. If that stands under a condition or in a case, a frame in which it is there is refused;
-else the frame is left out.
+The type of the file becomes a frame. If it only switches on a parameter, each case becomes a frame; if it reads no
+bytes, each of its types. A frame is the whole stream. No part is imported inexactly: a part that would read other bytes
+or give other values is left out. If it is in a conditional part or in a case, frames that contain it are refused; else
+the frame is left out.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from framekit.definition.sources import cached_by
 from framekit.definition.written import comment, yaml_lines
 
 MOST_CHECKED = 200
-"""Frames that are tried one by one, where all together are refused."""
+"""Limit of the frames that are tested individually after the whole definition is refused."""
 _PARAMS: Mapping[str, tuple[str, Kind]] = {
     "bool": ("flag", "bool"), "str": ("text", "str"), "bytes": ("bytes", "bytes"),
     **{f"{sign}{size}": ("number", "int") for sign in "us" for size in (1, 2, 4, 8)},
@@ -44,13 +44,13 @@ _NOT_PARAMS = frozenset(
         "false", "never",
     }
 )  # fmt: skip
-"""Names that no parameter of a protocol may have."""
+"""Names that a parameter of a protocol cannot have."""
 _WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 ASCII = "".join(map(chr, range(128)))
 
 
 def import_kaitai(text: str, file: str, name: str) -> ImportedDefinition:
-    """The definition `name` of a file's text. Raises DefinitionError where nothing can be taken over."""
+    """Return the definition `name` from the text of a file. Raises DefinitionError if no frame can be imported."""
     problems: dict[Problem, None] = {}
 
     def tell(at: Position, what: str, todo: str, *, warning: bool = False) -> None:
@@ -71,7 +71,7 @@ def import_kaitai(text: str, file: str, name: str) -> ImportedDefinition:
 
 
 class _DefinitionWriter:
-    """What the frames of a file have together: tables, layouts, parameters, and what is told."""
+    """Hold the common parts of the frames: tables, layouts, parameters and reports."""
 
     def __init__(self, found: Description, file: str, name: str, problems: dict[Problem, None]) -> None:
         self.found, self.file, self.name, self.problems = found, file, name, problems
@@ -95,7 +95,7 @@ class _DefinitionWriter:
         self.problems.setdefault(Problem(at, what, todo, warning))
 
     def table(self, enum: KsyEnum) -> str:
-        """The name of the table of an enumeration, which has members."""
+        """Return the name of the table of an enumeration that has members."""
         if enum.place not in self._table_names:
             name = _unused(enum.place[-1], self._tables, "_".join(enum.place))
             self._table_names[enum.place] = name
@@ -104,7 +104,7 @@ class _DefinitionWriter:
         return self._table_names[enum.place]
 
     def layout(self, type_: KsyType, segments: list[Keys]) -> str:
-        """The name of the layout of these segments."""
+        """Return the name of the layout with these segments."""
         key = json.dumps([type_.path, segments], ensure_ascii=True)
         if key not in self._layout_names:
             name = _unused(type_.name, self._layouts, "_".join(type_.path))
@@ -113,7 +113,7 @@ class _DefinitionWriter:
         return self._layout_names[key]
 
     def letters(self) -> str:
-        """The name of a parameter that holds the characters of ASCII."""
+        """Return the name of a parameter that holds the ASCII characters."""
         if not self._letters:
             self._letters = _unused("ascii", {**self.params, **dict.fromkeys(self._every_name)}, "ascii_letters")
             text = ASCII.replace("\\", "\\\\").replace("'", "\\'")
@@ -144,7 +144,7 @@ class _DefinitionWriter:
                     self._frame(type_, KsyScope(type_, None))
 
     def _cases(self, scope: KsyScope) -> list[KsyType] | None:
-        """The types of the cases, where the file's type only switches on a parameter."""
+        """Return the types of the cases if the file's type only switches on a parameter, else None."""
         top = self.found.top
         first = top.seq[0] if top.seq else None
         type_ = None if first is None else first.keys.get("type")
@@ -171,7 +171,7 @@ class _DefinitionWriter:
         return [*found]
 
     def _param(self, name: str) -> KsyMeaning | None:
-        """A parameter of the file's type, which becomes one of the protocol."""
+        """Return the meaning of a parameter of the file's type, which becomes a parameter of the protocol."""
         param = self.found.top.params.get(name)
         if param is None:
             return None
@@ -213,9 +213,10 @@ class _DefinitionWriter:
     # ---- the text -----------------------------------------------------------------------------------------
 
     def accepted(self) -> str:
-        """The text, without frames that our own check refuses; these are told.
+        """Return the text without the frames that framekit's own checker refuses; these are reported.
 
-        A frame that another one is always taken for is read where it is named alone: a parameter says so in Kaitai.
+        A frame that is always taken for another frame can only be read by name, as in Kaitai, where a parameter selects
+        it.
         """
         wrong, alike = _refused(self._text(self.frames)) if self.frames else ([], [])
         if wrong:
@@ -260,7 +261,7 @@ class _DefinitionWriter:
         return "\n".join([*lines, "", *yaml_lines(top, compact=True)]) + "\n"
 
     def _asked_for(self, frames: Mapping[str, Keys]) -> dict[str, list[Keys]]:
-        """The layouts that frames include, also by other layouts, in the order in which they were made."""
+        """Return the layouts that frames include, directly or indirectly, in the order of creation."""
         asked: set[str] = set()
         waiting: list[Any] = [*frames.values()]
         while waiting:
@@ -288,7 +289,7 @@ def _types(type_: KsyType) -> Iterator[KsyType]:
 
 
 def _unused(name: str, taken: Mapping[str, Any], longer: str) -> str:
-    """The name, or the longer one, or that with a number."""
+    """Return the name if it is free, else the longer name, with a number if necessary."""
     for one in (name, longer):
         if one not in taken:
             return one
@@ -299,7 +300,7 @@ def _unused(name: str, taken: Mapping[str, Any], longer: str) -> str:
 
 
 def _refused(text: str) -> tuple[list[str], list[str]]:
-    """What is wrong with a definition, in words without places; frames that are never found among the others."""
+    """Return the problems of a definition without positions, and the frames that are never found among the others."""
     with TemporaryDirectory() as folder, cached_by(None):
         path = Path(folder) / "made.yaml"
         path.write_text(text, "utf-8")

@@ -1,4 +1,4 @@
-"""Which of several frames stands inside another one: a `switch-on` of the bytes that tell them apart."""
+"""Choose between several inner frames: a `switch-on` of the bytes that distinguish them."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from framekit.codec.python.choices import Leaf, Switch, tree_of
 from framekit.definition.model.segments import Inner
 
 HERE = "_io.size - _io.pos"
-"""The bytes that are left."""
+"""The number of remaining bytes."""
 
 
 class FramesInside:
-    """Writes how frames are told apart; `names` and `instances` are those of the type that holds them."""
+    """Write the choice between frames; `names` and `instances` belong to the type that holds them."""
 
     def __init__(self, file: KsyFile, names: KsyNames, instances: dict[str, Keys]) -> None:
         self.file, self.names, self.instances = file, names, instances
 
     def told_apart(self, inner: Inner, path: str, frames: tuple[str, ...], room: int | str) -> Keys:
-        """Which frame it is, by the bytes at fixed places."""
+        """Return the type key that selects the frame by bytes at fixed offsets."""
         tree = tree_of(self.file.static, frames)
         types = {name: self.file.types[name] for name in frames}
         if isinstance(tree, Switch):
@@ -44,7 +44,7 @@ class FramesInside:
     def _which(
         self, inner: Inner, tree: Leaf | Switch, path: str, frames: tuple[str, ...], room: str, peeks: dict[int, str]
     ) -> str:  # fmt: skip
-        """The number of the frame in `frames`; -1 for none."""
+        """Return the text of the index of the frame in `frames`; -1 for no frame."""
         if isinstance(tree, Leaf):
             return self._by_size(inner, tree.frames, frames, room)
         if tree.at not in peeks:
@@ -59,7 +59,7 @@ class FramesInside:
         return text
 
     def _by_size(self, inner: Inner, left: tuple[str, ...], frames: tuple[str, ...], room: str) -> str:
-        """Of frames that no byte tells apart, the first whose size fits; not those that exist to be refused."""
+        """Return the first frame of fitting size among those that no byte distinguishes, except refused frames."""
         if not left:
             return "-1"
         known = [name for name in left if self.file.protocol.frames[name].refuse is None] or [*left[:1]]
@@ -77,7 +77,7 @@ class FramesInside:
 
 
 def _one_of(path: str, values: Iterable[int]) -> str:
-    """Whether a number is one of these, rows of neighbours as ranges."""
+    """Return the condition that a number is one of these, with consecutive numbers as ranges."""
     rows: list[list[int]] = []
     for value in sorted(values):
         if rows and rows[-1][1] == value - 1:

@@ -1,6 +1,6 @@
-"""Expressions of Kaitai Struct, read into a tree: the nodes of our own expressions, and three that only Kaitai has.
+"""Parse expressions of Kaitai Struct into a tree of framekit's expression nodes and three Kaitai-specific nodes.
 
-Nothing is evaluated, and the parser does not know which names exist. A text that is too long, too deep or no expression
+Expressions are not evaluated, and names are not resolved. A text that is too long, too deeply nested or no expression
 raises CannotSayError. Source: the user guide of Kaitai Struct, Expression language.
 """
 
@@ -28,25 +28,25 @@ from framekit.definition.expression import (
 from framekit.definition.problems import CannotSayError, Position
 
 LONGEST = 10_000
-"""Characters of an expression."""
+"""Limit of the length of an expression."""
 DEEPEST = 90
-"""Operators inside each other; our own language has a limit of 100."""
+"""Limit of the nesting depth of operators; framekit's own expressions have a limit of 100."""
 _DIGITS = 80
-"""Digits of a number."""
+"""Limit of the digits of a number."""
 _NESTED = 40
-"""Parentheses, brackets and choices inside each other."""
+"""Limit of the nesting depth of parentheses, brackets and conditionals."""
 
 
 @dataclass(frozen=True, slots=True)
 class EnumMember(Node):
-    """`animal::cat`, `zoo::animal::cat`."""
+    """A member of an enumeration: `animal::cat`, `zoo::animal::cat`."""
 
     path: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Cast(Node):
-    """`x.as<type>`."""
+    """A cast: `x.as<type>`."""
 
     value: Node
     type: str
@@ -54,7 +54,7 @@ class Cast(Node):
 
 @dataclass(frozen=True, slots=True)
 class MethodCall(Node):
-    """`x.name(a, b)`."""
+    """A method call: `x.name(a, b)`."""
 
     value: Node
     name: str
@@ -80,17 +80,19 @@ _ESCAPES = {
 }  # fmt: skip
 _ESCAPE = re.compile(r"\\(?:u([0-9a-fA-F]{4})|([0-7]+)|(.))", re.DOTALL)
 BY_HAND = "write what it means by hand"
-"""What to do about what has no form."""
+"""The advice for an expression without a form."""
 
 
 def parse(text: str, at: Position) -> Node:
-    """The tree of an expression; all of its nodes stand at `at`. Raises CannotSayError."""
+    """Return the tree of an expression; all of its nodes have the position `at`. Raises CannotSayError."""
     if len(text) > LONGEST:
         raise CannotSayError(at, f"an expression of more than {LONGEST} characters", "divide it")
     return _KsyParser(text, at).whole()
 
 
 class _KsyParser(OperatorGrammar):
+    """Parse one expression by recursive descent."""
+
     binary, signs = _BINARY, ("-", "+", "~")
 
     def __init__(self, text: str, at: Position) -> None:
@@ -119,7 +121,7 @@ class _KsyParser(OperatorGrammar):
         return self.at
 
     def _peek(self) -> str:
-        """The sign or word that is next; '' for anything else, and at the end."""
+        """Return the next sign or word; '' for any other token, and at the end."""
         kind, text = self.tokens[self.place] if self.place < len(self.tokens) else ("", "")
         return text if kind in ("sign", "word") else ""
 
@@ -229,7 +231,7 @@ class _KsyParser(OperatorGrammar):
         return int(text, 0 if text[1:2].isalpha() else 10)
 
     def _texts(self, first: str) -> str:
-        """Texts one after the other are one."""
+        """Return adjacent texts as a single text."""
         words = [first]
         while self.place < len(self.tokens) and self.tokens[self.place][0] == "text":
             words.append(self.tokens[self.place][1])
@@ -261,7 +263,7 @@ def _text(word: str) -> str:
 
 
 def _sign(match: re.Match[str]) -> str:
-    """The character of an escape. Raises ValueError for one that Kaitai does not know."""
+    """Return the character of an escape sequence. Raises ValueError for an unknown escape."""
     if match[1]:
         return chr(int(match[1], 16))
     if match[2]:

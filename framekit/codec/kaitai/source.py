@@ -1,4 +1,4 @@
-"""Names and texts of a Kaitai file being written, and what has no form in one."""
+"""Write names and texts of a Kaitai file."""
 
 from __future__ import annotations
 
@@ -21,34 +21,34 @@ _WORDS = {one.lower() for one in keyword.kwlist} | set(
     """,
     )
 )
-"""Words of languages that Kaitai compiles to; a name that is one of them gets a `_` behind it."""
+"""Reserved words of Kaitai's target languages; a name that equals one gets a trailing underscore."""
 _TYPES = re.compile(r"[usf]\d+(le|be)?|b\d+(le|be)?|strz?|bytes|bool|any|io|struct")
-"""Types that Kaitai has itself: a type of such a name would be one of them."""
+"""Built-in types of Kaitai, which cannot be names of other types."""
 _CLASSES = {"true", "false", "none", "kaitai_struct", "kaitai_stream", "int_enum", "bytes_io"}
-"""What makes a class that Python has already, or cannot have."""
+"""Type names whose class would collide with a class of Python or of Kaitai's runtime."""
 
 
 def identifier(text: str) -> str:
-    """A name as Kaitai allows it: small letters, digits and `_`, a letter first."""
+    """Return a name that Kaitai allows: lower-case letters, digits and underscores, with a letter first."""
     name = re.sub(r"[^a-z0-9_]", "_", text.lower()).strip("_") or "x"
     name = name if name[0].isalpha() else f"n{name}"
     return f"{name}_" if name in _WORDS else name
 
 
 def type_identifier(text: str) -> str:
-    """A name of a type: none that Kaitai, or a language, has already."""
+    """Return a name for a type that is not used by Kaitai or a target language."""
     name = identifier(text)
     plain = name.rstrip("_")
     return f"{plain}_type" if _TYPES.fullmatch(plain) or plain in _CLASSES else name
 
 
 class KsyNames:
-    """Names of one place, each given once. Two that differ in `_` and capitals only are one in some languages."""
+    """Unique names of one namespace. Names that differ only in underscores or case collide in some target languages."""
 
     def __init__(self, taken: Iterable[str] = ()) -> None:
         self._taken = {_squashed(one) for one in taken}
         self._numbers: dict[str, int] = {}
-        """The name that is wanted → the next number for another one like it."""
+        """The next number for a duplicate of each requested name."""
 
     def new(self, text: str) -> str:
         return self._given(identifier(text))
@@ -70,7 +70,9 @@ def _squashed(name: str) -> str:
 
 
 def prose(text: str) -> str:
-    """A text for `doc`, on one line: Kaitai copies it into comments, and does not keep it from ending them."""
+    """Return a text for `doc` on one line, without sequences that could end a comment, since Kaitai copies it into
+    comments.
+    """
     text = printable(" ".join(text.split())).translate(_PROSE)
     return re.sub(r"(?<=[*/\]#])(?=[*/#])", " ", text)
 
@@ -79,7 +81,7 @@ _PROSE = str.maketrans({'"': "'", "\\": "/"})
 
 
 def string(text: str) -> str:
-    """A text in an expression: every sign but plain ones by its number. What no byte is becomes one that none is."""
+    """Return a text literal with all but plain characters escaped; a character beyond 16 bits becomes U+FFFF."""
     plain = (one if one.isascii() and one.isprintable() and one not in '"\\' else _escaped(one) for one in text)
     return f'"{"".join(plain)}"'
 
@@ -89,5 +91,5 @@ def _escaped(sign: str) -> str:
 
 
 def data(value: bytes) -> str:
-    """Bytes in an expression."""
+    """Return a bytes literal."""
     return f"[{', '.join(map(hex, value))}].as<bytes>"

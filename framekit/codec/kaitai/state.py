@@ -1,4 +1,4 @@
-"""What the parts of a Kaitai file share while it is written: its names, its problems, and which frame is written."""
+"""Hold the common state of a Kaitai file while it is written: its names, its problems, and the current frame."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from framekit.definition.problems import Position, Problem
 Keys = dict[str, Any]
 """A mapping of the file."""
 FRAME_KIND, UNEXPECTED = "frame_kind", "unexpected"
-"""The enumeration of the frames, and the type that fails where it is read."""
+"""The names of the enumeration of the frames, and of the type that always fails."""
 
 
 class KsyFile:
-    """A file being written."""
+    """A file while it is written."""
 
     def __init__(self, protocol: Protocol) -> None:
         self.protocol = protocol
@@ -31,15 +31,15 @@ class KsyFile:
         self.name = self.names.new_type(protocol.name)
         self.types = {frame: self.names.new_type(frame) for frame in protocol.frames}
         self.without_end: set[str] = set()
-        """Frames that are read from a stream that goes on behind them."""
+        """Frames that are read from a stream that continues after them."""
         self.inside: set[str] = set()
-        """Frames that fill a stream inside another one."""
+        """Frames that fill a substream inside another frame."""
 
     def tell(self, at: Position, what: str, why: str) -> None:
         self.problems.setdefault(Problem(at, what, why))
 
     def enum(self, name: str, values: Mapping[int, str], at: Position) -> str | None:
-        """The name of an enumeration of these numbers; None where Kaitai cannot have it."""
+        """Return the name of an enumeration of these numbers; None, after a report, if Kaitai cannot represent it."""
         if any(abs(number) > MOST_NUMBER for number in values):
             self.tell(at, f"the numbers of '{name}' have no names", "Kaitai has names of numbers of 63 bits")
             return None
@@ -50,7 +50,7 @@ class KsyFile:
 
 
 class KsyFrame:
-    """A frame being written: the names and types inside its own."""
+    """A frame while it is written: the names and types inside its own type."""
 
     def __init__(self, file: KsyFile, frame: Frame) -> None:
         self.file = file

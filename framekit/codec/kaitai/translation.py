@@ -1,7 +1,7 @@
-"""Expressions of Kaitai Struct in our own language: names found in the types being read, values with their kinds.
+"""Translate expressions of Kaitai Struct to framekit's language: names are resolved in the types, values have kinds.
 
-What a name is called depends on where the expression stands: `_parent.count` is `count` inside a record, as long as
-nothing between the two has that name. What has no form, or might mean something else, raises CannotSayError.
+The form of a name depends on the place of the expression: `_parent.count` is `count` inside a record, unless a scope
+between them has the same name. An expression without a form, or with an ambiguous form, raises CannotSayError.
 """
 
 from __future__ import annotations
@@ -49,87 +49,93 @@ _LEVELS = {
     "%": PRODUCT,
 }  # fmt: skip
 MOST_SHIFT = 255
+"""Limit of a shift to the left, in bits."""
 _INTEGER = re.compile(r"([us])([1248])(?:le|be)?")
 _RESERVED = frozenset({"if", "else", "or", "and", "not", "in", "true", "false", "never"})
 INDEX = frozenset({"index"})
 IT = frozenset({"_"})
-"""What an expression asks for that reads the item, or the value, in which it stands."""
+"""The word for the value or item that an expression is about."""
 UNKNOWN = "?"
-"""A condition that cannot be written where it is asked for."""
+"""A condition without a form at the place of its use."""
 LONGEST_TEXT = 20_000
-"""Characters of an expression that is written."""
+"""Limit of the length of a translated expression."""
 
 
 def own_name(name: str) -> str:
-    """A name of a Kaitai file as our expressions can use it."""
+    """Return a name of a Kaitai file in a form that framekit's expressions accept."""
     return f"{name}_" if name in _RESERVED else name
 
 
 @dataclass(frozen=True, slots=True)
 class KsyMeaning:
-    """What a name of a type stands for.
-
-    `text`: how it is written where it stands, mostly a word. `span`: the least and greatest number. `scope`: the names
-    in a record, or in the items of a list. `item`: the kind of what a list holds. `cases`: the records that a choice
-    may be, by the names of their types. `when`: the condition under which it is there, with the names `asked` in it;
-    UNKNOWN if that cannot be asked. `words`: what the text asks for, if that is not itself. `suffix` leads from an item
-    of a list to its value. `why`: of a lost one.
-    """
+    """The meaning of a name in a type."""
 
     text: str
+    """Its form at its place, usually a word."""
     kind: Kind
     span: tuple[int, int] | None = None
+    """The least and greatest number, or None."""
     scope: KsyScope | None = None
+    """The names in a record, or in the items of a list."""
     item: Kind = "int"
+    """The kind of the items of a list."""
     cases: Mapping[str, KsyScope] = field(default_factory=dict)
+    """The records that a choice may be, by the names of their types."""
     when: str = ""
+    """The condition under which it is present; UNKNOWN if that condition cannot be written."""
     asked: frozenset[str] = frozenset()
+    """The names that this condition reads."""
     words: frozenset[str] | None = None
+    """The names that `text` reads; None if it reads only itself."""
     suffix: str = ""
+    """Leads from an item of a list to its value."""
     why: str = ""
+    """Explains why a lost meaning is lost."""
 
 
 class KsyScope:
-    """The names of one use of a type. `parent` and `root` are what `_parent` and `_root` mean in it.
-
-    `around`: the scope of the record that it stands in, if that is another one. `names`: every name that it will have,
-    so that one outside is not asked for by a word that means another one. `find` makes an entry of an instance that is
-    asked for; it gives None where there is none.
-    """
+    """The names of one use of a type."""
 
     def __init__(
         self, type_: KsyType, parent: KsyScope | None, names: Iterable[str] = (), around: KsyScope | None = None
     ) -> None:
+        """Create the scope of a type; `parent` and its root are the meanings of `_parent` and `_root`.
+
+        `around`: the scope of the enclosing record, if it differs from the parent. `names`: further names that the type
+        will have, so that an outer name is never read by the word of an inner name.
+        """
         self.type, self.parent, self.around = type_, parent, around or parent
         self.root: KsyScope = self if parent is None else parent.root
         self.names = {own_name(one) for one in (*type_.names, *names)}
         self.entries: dict[str, KsyMeaning] = {}
         self.find: Callable[[str, Position], KsyMeaning | None] = lambda name, at: None
+        """Creates the entry of an instance on demand; returns None for an unknown name."""
 
 
 @dataclass(frozen=True, slots=True)
 class Translated:
-    """A part of an expression: its text, how strongly it binds, its kind.
-
-    `names`: the words that it begins with, which mean something where it stands. `needs`: conditions without which it
-    has no value. `above`: it is a scope around, whose names are written alone.
-    `parts`: the conditions that all hold where this one does.
-    """
+    """A translated part of an expression."""
 
     text: str
     level: int
+    """Its binding strength."""
     kind: Kind
     span: tuple[int, int] | None = None
     names: frozenset[str] = frozenset()
+    """The words that it begins with, which are resolved at its place."""
     needs: tuple[str, ...] = ()
+    """The conditions under which it has a value."""
     scope: KsyScope | None = None
     item: Kind = "int"
     cases: Mapping[str, KsyScope] = field(default_factory=dict)
     suffix: str = ""
     above: bool = False
+    """Whether it is an enclosing scope, whose names are written without a path."""
     parts: tuple[str, ...] = ()
+    """The conditions that are all true if this condition is."""
 
     def at_level(self, level: int) -> str:
+        """Return the text, in parentheses if it binds weaker than `level`."""
         return f"({self.text})" if self.level < level else self.text
 
     @property
@@ -138,7 +144,7 @@ class Translated:
 
 
 def quoted(text: str) -> str:
-    """A text in an expression."""
+    """Return a text literal."""
     return "'" + text.replace("\\", "\\\\").replace("'", "\\'") + "'"
 
 
@@ -157,19 +163,19 @@ def constant(value: int | str | bytes) -> Translated:
 
 @dataclass(slots=True)
 class Translation:
-    """How expressions at one place are written. `it`: what `_` means; `item`: whose items `_index` counts.
-
-    `told`: what a reader of the result should know, told where it is used.
-    """
+    """The translation of expressions at one place."""
 
     scope: KsyScope
     at: Position
     it: Translated | None = None
+    """The meaning of `_`."""
     index: bool = False
+    """Whether `_index` is the index of an item."""
     told: list[tuple[str, str]] = field(default_factory=list)
+    """Notes for readers of the result, reported at each use."""
 
     def of(self, node: Node) -> Translated:
-        """Raises CannotSayError."""
+        """Return the translation of a node. Raises CannotSayError."""
         made = self._of(node)
         if len(made.text) > LONGEST_TEXT:
             raise self._not("an expression that becomes too long")
@@ -257,7 +263,7 @@ class Translation:
         return self._entry(self.scope, name, "")
 
     def _has_index(self) -> bool:
-        """Whether a value has the name that counts items."""
+        """Return whether a value has the name `index`."""
         here: KsyScope | None = self.scope
         while here is not None and "index" not in here.type.names:
             here = here.around
@@ -268,7 +274,9 @@ class Translation:
         return Translated("", ATOM, "record", scope=scope, above=True)
 
     def _entry(self, scope: KsyScope, name: str, path: str, names: frozenset[str] = frozenset()) -> Translated:
-        """A name of a scope; `path` leads to it, with a dot behind, if it is no scope around."""
+        """Return the value of a name in a scope; `path` leads to the scope, with a trailing dot, unless it is
+        enclosing.
+        """
         entry = scope.entries.get(name) or scope.find(name, self.at)
         if entry is None or entry.kind == "lost":
             if entry is not None and entry.why:
@@ -284,7 +292,7 @@ class Translation:
         if not words:
             return replace(made, level=SIGN if entry.text.startswith("-") else ATOM)
         needs = (entry.when,) if entry.when else ()
-        if path:  # the condition is one of the record, whose names are others here
+        if path:  # the condition belongs to the record, whose names differ here
             return replace(made, text=f"{path}{entry.text}", names=names, needs=(UNKNOWN,) if needs else ())
         if not self._is_around(scope):
             return replace(made, names=IT, needs=needs)
@@ -298,7 +306,7 @@ class Translation:
         return here is not None
 
     def _not_hidden(self, words: frozenset[str], scope: KsyScope) -> None:
-        """Words have to mean the same in the scope of the expression as in that around. Raises CannotSayError."""
+        """Raise CannotSayError if an inner scope redefines one of the words of an enclosing scope."""
         here: KsyScope | None = self.scope
         while here is not None and here is not scope:
             for word in words & here.names:
@@ -447,7 +455,7 @@ class Translation:
 
 
 def _needed(needs: tuple[str, ...], guard: list[str], is_true: bool) -> Iterator[str]:
-    """What is needed where all of a guard is true, or none of it is; what the guard says itself is left out."""
+    """Yield the conditions that are needed if all of a guard is true, or none of it; facts of the guard are omitted."""
     for one in needs:
         if is_true and (one in guard or f"({one})" in guard):
             continue
@@ -460,7 +468,7 @@ def _needed(needs: tuple[str, ...], guard: list[str], is_true: bool) -> Iterator
 
 
 def _span(operator: str, left: tuple[int, int] | None, right: tuple[int, int] | None) -> tuple[int, int] | None:
-    """Where the result lies; None: it is not known, or may be very large."""
+    """Return the range of a result; None if it is unknown or may be very large."""
     if right is not None and right[0] >= 0 and operator == "&":
         return (0, right[1])
     if right is not None and right[0] > 0 and operator == "%":

@@ -1,7 +1,7 @@
-"""The segments of one use of a type of a Kaitai Struct file: its attributes in order, and its instances.
+"""Write one use of a type of a Kaitai Struct file as segments: its attributes in order, and its instances.
 
-A type is written anew for each place where it is used, as what `_parent` and `rest` mean depends on that. The work for
-a file is bounded (`WorkDone`), however often types use each other.
+A type is written anew for each use, as the meaning of `_parent` and `rest` depends on the place. The work for a file is
+bounded (`WorkDone`), however often types use each other.
 """
 
 from __future__ import annotations
@@ -65,21 +65,22 @@ from framekit.definition.wire_types import ANY, NOTHING, Sizes, bounds_of_bits, 
 
 _USER = re.compile(r"(?:::)?([a-z][a-z0-9_]*(?:::[a-z][a-z0-9_]*)*)")
 MOST_OPTIONALS = 100
-"""In a row: each stands inside the one before it."""
+"""Limit of the optional attributes in a row, each of which is nested in the previous one."""
 _REST_IS = "what stands behind it has no fixed size"
 
 
 class TypeWriter:
-    """Writes one use of a type.
-
-    `behind`: how many bytes stand behind it in its region, None where that is not known. `alone`: its region ends with
-    it. `using`: the types around it, and itself.
-    """
+    """Write one use of a type."""
 
     def __init__(
         self, file: FileParts, scope: KsyScope, region: Region, behind: int | None, *,
         alone: bool, using: tuple[KsyType, ...],
     ) -> None:  # fmt: skip
+        """Prepare the use of the type of a scope in a region, given the number of bytes after it there (None if
+        unknown).
+
+        `alone`: its region ends with it. `using`: the enclosing types, and the type itself.
+        """
         self.file, self.scope, self.region, self.behind = file, scope, region, behind
         self.alone, self.using = alone, using
         self.out: list[Keys] = []
@@ -94,7 +95,7 @@ class TypeWriter:
         scope.find = self._find
 
     def write(self) -> tuple[list[Keys], Sizes]:
-        """The segments and their sizes. Raises LeftOutError where the type cannot be read."""
+        """Return the segments and their sizes. Raises LeftOutError if the type cannot be read."""
         type_ = self.scope.type
         behind = [self._all_behind(one) for one in self.file.static.behind(type_)[:-1]]
         chain = self._optional_chain()
@@ -117,7 +118,7 @@ class TypeWriter:
         return self._with_lengths(), self.sizes
 
     def _with_lengths(self) -> list[Keys]:
-        """The segments, with numbers that are the size or the count of one of them as lengths and counts."""
+        """Return the segments, with numbers that state the size or the count of one of them as lengths and counts."""
         found: list[Keys] = []
         sized: dict[str, list[tuple[str, Keys]]] = {}
         for segment in self.out:
@@ -143,7 +144,7 @@ class TypeWriter:
         return None if inside is None or self.behind is None else inside + self.behind
 
     def _try(self, attribute: KsyAttribute, write: Callable[[], None]) -> None:
-        """Writes an attribute; where it cannot be said, what is behind it is looked at all the same."""
+        """Write an attribute; after an attribute without a form, the later attributes are still examined."""
         try:
             write()
         except CannotSayError as error:
@@ -179,7 +180,7 @@ class TypeWriter:
 
     def _known_keys(self, attribute: KsyAttribute) -> None:
         self._count(attribute.at)
-        if "" in attribute.keys:  # it is no attribute, which has been told
+        if "" in attribute.keys:  # a wrong form, which has been reported
             raise LeftOutError
         for key in attribute.keys:
             if key not in OF_ALL | OF_TEXTS | OF_BYTES | {"contents", "enum"}:
@@ -192,7 +193,7 @@ class TypeWriter:
                 )
 
     def _next_whole(self, attribute: KsyAttribute, behind: int | None) -> None:
-        """An attribute that begins with a byte."""
+        """Write an attribute that begins at a byte boundary."""
         if self._bits:
             is_open = sum(one[1] for one in self._bits) % 8 != 0
             self._flush_bits()
@@ -227,12 +228,12 @@ class TypeWriter:
         self._put(self._under(attribute, said, behind))
 
     def _require_needs(self) -> None:
-        """What has been asked for has to be there, as Kaitai reads on only then."""
+        """Write the conditions of the values that were read, since Kaitai continues only if they are present."""
         self.out += [{"require": one} for one in dict.fromkeys(self._needs)]
         self._needs.clear()
 
     def _begins_with_byte(self, attribute: KsyAttribute, type_: KsyType, most: int) -> bool:
-        """Whether an attribute always reads whole bytes first, so that what is left of a byte is passed over."""
+        """Return whether an attribute always begins with whole bytes, so that remaining bits of a byte are skipped."""
         keys = attribute.keys
         if most == 0 or keys.keys() & {"if", "repeat"} or is_end(attribute):
             return False
@@ -246,7 +247,7 @@ class TypeWriter:
         return found is not None and bool(found.seq) and self._begins_with_byte(found.seq[0], found, most - 1)
 
     def _under(self, attribute: KsyAttribute, condition: Translated, behind: int | None) -> KsyPart:
-        """What is there under a condition; where it cannot be said, a frame with it is refused."""
+        """Return a conditional part; if it has no form, a frame that contains it is refused."""
         try:
             part = self._whole(attribute, behind)
         except (CannotSayError, LeftOutError) as error:
@@ -269,7 +270,7 @@ class TypeWriter:
         return KsyPart(part.segments, Sizes(0, part.sizes.most))
 
     def _whole(self, attribute: KsyAttribute, behind: int | None) -> KsyPart:
-        """An attribute without its condition. Raises CannotSayError, LeftOutError."""
+        """Return an attribute without its condition. Raises CannotSayError, LeftOutError."""
         repeat = attribute.text("repeat")
         if repeat is None:
             for key in ("repeat-expr", "repeat-until"):
@@ -288,10 +289,10 @@ class TypeWriter:
         return part
 
     _takes_all = False
-    """Whether the attribute that is being written is what takes all that is left."""
+    """Whether the current attribute takes all remaining bytes."""
 
     def take_all(self, at: Position, behind: int | None, what: str) -> None:
-        """Something takes all that is left of the region; nothing may stand behind. Raises CannotSayError."""
+        """Record that a part takes all remaining bytes of the region. Raises CannotSayError if a part may follow."""
         if self.region.is_used_up:
             raise CannotSayError(at, f"{what} takes what is left, as another part does", "give one of them a size")
         if behind != 0:
@@ -318,11 +319,9 @@ class TypeWriter:
         item: KsyScope | None = None,
         lazily: bool = False,
     ) -> Translated:
-        """An expression in our language. `item`: it stands in an item of a list, which has these names.
+        """Return an expression in framekit's language. `item`: the names of the list item that contains the expression.
 
-        What has to be there for it is noted, unless it is worked out `lazily`.
-
-        Raises CannotSayError.
+        The conditions it needs are recorded, unless it is evaluated `lazily`. Raises CannotSayError.
         """
         translation = Translation(self.scope, at, it, item is not None)
         made = translation.of(node)
@@ -346,7 +345,7 @@ class TypeWriter:
         return made
 
     def size(self, attribute: KsyAttribute, behind: int | None, item: KsyScope | None) -> int | str:
-        """A number of bytes, an expression, or `rest`. Raises CannotSayError."""
+        """Return a number of bytes, an expression, or `rest`. Raises CannotSayError."""
         text = scalar(attribute.keys["size"], "size")
         node = self.parsed(text)
         left = left_of(node)
@@ -368,7 +367,7 @@ class TypeWriter:
         return _not_rest(made.text)
 
     def _unused(self, name: str) -> str:
-        """A name that no value of this type has; the same one in all cases of a choice."""
+        """Return a name that no value of this type has, the same in all cases of a choice."""
         if name not in self._unused_names:
             self._unused_names[name] = _not_in(name, self.scope.names)
             self.scope.names.add(self._unused_names[name])
@@ -398,7 +397,7 @@ class TypeWriter:
         self._flush_bits()
 
     def _flush_bits(self) -> None:
-        """The bits that have come are a number, whose last byte need not be full."""
+        """Write the bits so far as a number, whose last byte may be incomplete."""
         taken, self._bits = self._bits, []
         width = sum(one[1] for one in taken)
         size = -(-width // 8)
@@ -440,7 +439,7 @@ class TypeWriter:
     def _value(
         self, attribute: KsyAttribute, name: str, into: KsyScope, behind: int | None, item: KsyScope | None = None
     ) -> KsyPart:
-        """One value, called `name` in the scope `into`. Raises CannotSayError, LeftOutError."""
+        """Return a value with the name `name` in the scope `into`. Raises CannotSayError, LeftOutError."""
         self._count(attribute.at)
         said = attribute.keys.get("type")
         if "contents" in attribute.keys:
@@ -475,7 +474,9 @@ class TypeWriter:
         self, attribute: KsyAttribute, name: str, into: KsyScope, behind: int | None, item: KsyScope | None,
         write: Callable[[KsyAttribute, str, KsyScope, int | None, KsyScope | None], KsyPart],
     ) -> KsyPart:  # fmt: skip
-        """A value, or, where it cannot be said and may be any bytes of its size, these under another name."""
+        """Return a value; if it has no form and any bytes of its size are valid, return these bytes under another
+        name.
+        """
         before = replace(self.region)
         keys = attribute.keys
         try:
@@ -504,7 +505,7 @@ class TypeWriter:
     # ---- types and choices --------------------------------------------------------------------------------
 
     def _used(self, attribute: KsyAttribute, text: str, item: KsyScope | None) -> tuple[KsyType, KsyScope]:
-        """The type that a text names, and a scope for it with its parameters. Raises CannotSayError."""
+        """Return the type that a text names, and a scope for it with its parameters. Raises CannotSayError."""
         at = attribute.keys["type"].at
         name, _, arguments = text.partition("(")
         match = _USER.fullmatch(name.strip())
@@ -546,7 +547,7 @@ class TypeWriter:
     def _of_type(
         self, attribute: KsyAttribute, name: str, into: KsyScope, behind: int | None, item: KsyScope | None
     ) -> KsyPart:
-        """A value of a type of the file: a record, unless `name` is '': then its values belong to an item."""
+        """Return a value of a type of the file: a record, or the values of an item if `name` is empty."""
         self.values.only(
             attribute, frozenset({"size", "size-eos", "process", "terminator", "pad-right", "include", "consume"})
         )
@@ -574,7 +575,7 @@ class TypeWriter:
         return part
 
     def _region(self, type_: KsyType, scope: KsyScope, name: str, size: int | str) -> KsyPart:
-        """A type in a region of its own, with what it leaves of that."""
+        """Return a type in a region of its own, with the remaining bytes of the region."""
         region = Region()
         part = self._inside(scope, region, 0, True)
         sizes = exactly(size) if isinstance(size, int) else ANY
@@ -589,7 +590,7 @@ class TypeWriter:
         return KsyPart(of if size == "rest" or not of else [{"wrap": "none", "size": size, "of": of}], sizes)
 
     def _record(self, type_: KsyType, segments: list[Keys], name: str) -> list[Keys]:
-        """The values of a type as a record, or as they are where they belong to an item."""
+        """Return the values of a type as a record, or unchanged if they belong to an item."""
         if not segments or not name:
             return segments
         return [{"include": self.file.layout(type_, segments), "as": name}]
@@ -672,7 +673,7 @@ class TypeWriter:
         behind: int | None,
         item: KsyScope | None,
     ) -> KsyPart:
-        """A choice in a region of its own: each case takes all of that."""
+        """Return a choice in a region of its own, which each case fills."""
         size = self.size(attribute, behind, item)
         outer, self.region = self.region, Region()
         whole = with_keys(attribute, size=None, **{"size-eos": Scalar("true", attribute.at)})
@@ -686,7 +687,7 @@ class TypeWriter:
         return KsyPart([segment], exactly(size) if isinstance(size, int) else ANY)
 
     def _case(self, key: Scalar, kind: Kind) -> int | str:
-        """Raises CannotSayError."""
+        """Return the constant key of a case. Raises CannotSayError."""
         said = self.say(self.parsed(key), key.at)
         node = parse(key.text, key.at)
         if said.kind == kind and said.span is not None and said.span[0] == said.span[1] and not said.names:
@@ -772,7 +773,7 @@ class TypeWriter:
     # ---- what may be left ---------------------------------------------------------------------------------
 
     def _optional(self, attribute: KsyAttribute, left: int, behind: int | None) -> KsyPart:
-        """What is there if more bytes are left than stand behind it."""
+        """Return a part that is present if more bytes remain than the parts after it take."""
         if behind is None or left != behind:
             raise CannotSayError(attribute.at, f"whether '{attribute.name}' is there", _REST_IS)
         if self.region.is_used_up:
@@ -790,7 +791,9 @@ class TypeWriter:
         return KsyPart([{"optional": part.segments}], Sizes(0, part.sizes.most))
 
     def _optional_chain(self) -> int:
-        """From which attribute on each is there if bytes are left; -1 for none, or for one alone."""
+        """Return the index of the first of several trailing attributes that are present if bytes remain; -1 for fewer
+        than two.
+        """
         seq = self.scope.type.seq
         first = len(seq)
         while first > 0 and self.behind == 0:
@@ -805,7 +808,7 @@ class TypeWriter:
         return first if len(seq) - first > 1 else -1
 
     def _optionals(self, attributes: list[KsyAttribute]) -> None:
-        """Attributes of which each is there if bytes are left: each stands in the one before it."""
+        """Write attributes that are present if bytes remain: each is nested in the previous one."""
         if len(attributes) > MOST_OPTIONALS:
             what = f"more than {MOST_OPTIONALS} attributes in a row, each there if bytes are left,"
             raise CannotSayError(attributes[0].at, what, "put them into a list")
@@ -844,7 +847,7 @@ class TypeWriter:
     # ---- instances ----------------------------------------------------------------------------------------
 
     def _find(self, name: str, at: Position) -> KsyMeaning | None:
-        """The entry of an instance, whose value is put here; None where there is no such one, or not yet."""
+        """Return the entry of an instance, whose value is written here; None if it is unknown or not available yet."""
         instance = self.scope.type.instances.get(name)
         if instance is None or name in self._under_way:
             return self._find_outside(name, at)
@@ -875,7 +878,7 @@ class TypeWriter:
             condition = self.say(self.parsed(scalar(keys["if"], "if")), keys["if"].at, "bool", lazily=True)
             known = [
                 one for one in needs if one not in (UNKNOWN, *condition.parts)
-            ]  # the file says itself when it is there
+            ]  # the file states itself when the instance is present
             needs = [*dict.fromkeys((*condition.needs, condition.text, *known))]
         if UNKNOWN in needs:
             what = f"the instance '{instance.name}' asks for what may not be there"
@@ -904,12 +907,12 @@ class TypeWriter:
 
 
 def _not_rest(text: str) -> str:
-    """An expression as a size or a number of items, where the word `rest` alone means what is left."""
+    """Return an expression as a size or count; the bare word `rest` would mean the remaining bytes."""
     return "(rest)" if text == "rest" else text
 
 
 def _sizes_of(segment: Keys) -> Iterator[tuple[str, str]]:
-    """The names that are the whole size of a segment, or the count of a list, each with the key that says so."""
+    """Yield the names that are the whole size of a segment, or the count of a list, each with its key."""
     if isinstance(segment.get("times"), str):
         yield "count", segment["times"]
     elif isinstance(segment.get("size"), str) and "repeat" not in segment:

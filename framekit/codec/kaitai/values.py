@@ -1,4 +1,4 @@
-"""Single values of a Kaitai Struct file as segments: numbers, texts, bytes, constants, and what `valid` says."""
+"""Convert single values of a Kaitai Struct file to segments: numbers, texts, bytes, constants, and `valid`."""
 
 from __future__ import annotations
 
@@ -48,36 +48,36 @@ _LIKE_ASCII = re.compile(r"utf8|iso8859\d+|windows125\d|cp(?:125\d|437|85\d|866)
 
 
 class Within(Interface):
-    """The use of a type in which values stand."""
+    """The use of a type that contains the values."""
 
     file: FileParts
     scope: KsyScope
     region: Region
 
     def parsed(self, text: Scalar) -> Node:
-        """The tree of an expression. Raises CannotSayError."""
+        """Return the tree of an expression. Raises CannotSayError."""
 
     def say(
         self, node: Node, at: Position, kind: Kind | None = None, *,
         it: Translated | None = None, item: KsyScope | None = None, lazily: bool = False,
     ) -> Translated:  # fmt: skip
-        """An expression in our language. Raises CannotSayError."""
+        """Return an expression in framekit's language. Raises CannotSayError."""
 
     def size(self, attribute: KsyAttribute, behind: int | None, item: KsyScope | None) -> int | str:
-        """A number of bytes, an expression, or `rest`. Raises CannotSayError."""
+        """Return a number of bytes, an expression, or `rest`. Raises CannotSayError."""
 
     def take_all(self, at: Position, behind: int | None, what: str) -> None:
-        """Something takes all that is left of the region. Raises CannotSayError."""
+        """Record that a part takes all remaining bytes of the region. Raises CannotSayError."""
 
 
 class KsyValueWriter:
-    """Writes values of one use of a type. Every method raises CannotSayError for what has no form."""
+    """Write the values of one use of a type. Every method raises CannotSayError for a value without a form."""
 
     def __init__(self, within: Within) -> None:
         self.within = within
 
     def only(self, attribute: KsyAttribute, more: frozenset[str]) -> None:
-        """Raises CannotSayError for keys that mean nothing beside this type."""
+        """Raise CannotSayError for keys that have no meaning with this type."""
         for key in attribute.keys:
             if key not in OF_ALL | more and not key.startswith("-"):
                 raise CannotSayError(
@@ -85,7 +85,7 @@ class KsyValueWriter:
                 )
 
     def enum(self, attribute: KsyAttribute) -> KsyEnum | None:
-        """The enumeration of an attribute, if it has members. Raises CannotSayError."""
+        """Return the enumeration of an attribute, if it has members. Raises CannotSayError."""
         node = attribute.keys.get("enum")
         if node is None:
             return None
@@ -98,7 +98,7 @@ class KsyValueWriter:
         return found if found.members else None
 
     def reads_any_bytes(self, attribute: KsyAttribute) -> bool:
-        """Whether Kaitai reads an attribute with a size whatever its bytes are."""
+        """Return whether Kaitai reads an attribute with a size whatever its bytes are."""
         process, said = attribute.keys.get("process"), attribute.keys.get("type")
         if process is not None and not (isinstance(process, Scalar) and _PROCESS.fullmatch(process.text.strip())):
             return False
@@ -152,7 +152,7 @@ class KsyValueWriter:
             raise CannotSayError(attribute.keys["valid"].at, "valid: of contents:", "leave it out")
         if not data:
             return KsyPart([])
-        if self.within.region.counts_back:  # a constant would end what is before it, wherever it comes
+        if self.within.region.counts_back:  # a constant would end the part before it wherever it occurs
             segment: Keys = {"field": name, "type": "bytes", "size": len(data), "is": bytes_text(data)}
         else:
             segment = {"const": data.hex(" ").upper()}
@@ -219,7 +219,9 @@ class KsyValueWriter:
         return KsyPart([segment, *more], sizes)
 
     def _letters(self, attribute: KsyAttribute, name: str) -> list[Keys]:
-        """What texts of an encoding may hold; framekit has a character for each byte. Raises CannotSayError."""
+        """Return the restriction of a text to its encoding; framekit has a character for each byte. Raises
+        CannotSayError.
+        """
         written = attribute.text("encoding") or self.within.scope.type.encoding
         if written is None:
             raise CannotSayError(attribute.at, f"the encoding of '{attribute.name}'", "write encoding: ASCII")
@@ -278,7 +280,9 @@ class KsyValueWriter:
     def valid(
         self, attribute: KsyAttribute, field_: Keys | None, entry: KsyMeaning, into: KsyScope, item: KsyScope | None
     ) -> list[Keys]:
-        """What `valid` says: keys of the field, or conditions behind it. Raises CannotSayError."""
+        """Apply `valid` to the keys of the field, and return the remaining conditions as segments. Raises
+        CannotSayError.
+        """
         node = attribute.keys.get("valid")
         if node is None:
             return []

@@ -43,7 +43,7 @@ def _sign(byte: int) -> str:
 
 
 def comment(text: str) -> str:
-    """Return a one-line comment with any text."""
+    """Return a comment with any text, on a single line."""
     shown = "".join(sign if sign.isascii() and sign.isprintable() else " " for sign in text)
     return f"-- {shown}".rstrip()
 

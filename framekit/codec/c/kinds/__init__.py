@@ -1,4 +1,6 @@
-"""What the C of each kind of segment is: a module for a kind, or for a few that are alike, and a row for each here."""
+"""Write C for each kind of segment: a module for a kind, or for several similar kinds, and a row for each in
+`KINDS`.
+"""
 
 from collections.abc import Mapping
 
@@ -8,3 +10,4 @@ from framekit.definition.model.segments import Segment
 
 MODULES = (bits, check, choose, const, counted, data, field, inner, repeat, value, wrap)
 KINDS: Mapping[type[Segment], CKind] = {kind.model: kind for module in MODULES for kind in module.KINDS}
+"""The row of each kind, by its model class."""

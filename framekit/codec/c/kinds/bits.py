@@ -1,4 +1,4 @@
-"""`bits` in C."""
+"""Write `bits` in C."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`check` in C: how a code is worked out and stands on the wire, for what reads, builds and measures."""
+"""Write `check` in C: its computation and its encoding, for readers, writers and measurers."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def _read(r: ReadWriter, segment: Check, here: Here, behind: Behind) -> None:
 
 
 def _verify(r: ReadWriter, segment: Check, here: Here, start: str, reached: str = "") -> None:
-    """Compare a check code with the bytes it should be; `reached`: the local that tells whether it was read."""
+    """Compare a check code with the expected bytes; `reached`: the local that records whether it was read."""
     code = r.local("uint64_t", "code")
     wrong = r.file.helper("wrong_check")
     with r.block(f"if ({reached})" if reached else ""):
@@ -103,9 +103,9 @@ def _measure(m: CMeasureWriter, segment: Check, scope: CScope, after: Pairs) -> 
 
 
 def work_out(r: Any, segment: Check, scope: CScope, code: str, start: str) -> bool:
-    """Puts the number of a check code into a local; whether it may be that it cannot be worked out (then `bad` is set).
+    """Write the computation of a check code into a local; return whether it may fail (then `bad` is set at run time).
 
-    `start`: where the check stands; without `over` it covers all before that.
+    `start`: the offset of the check, which covers all bytes before it unless it has `over`.
     """
     name, initial = r.file.checks.of(segment.method, segment.at)
     r.add(f"{code} = UINT64_C({initial});")
@@ -131,7 +131,7 @@ def work_out(r: Any, segment: Check, scope: CScope, code: str, start: str) -> bo
 
 
 def _up_to_here(r: Any, paths: Any, function: str, code: str, start: str) -> None:
-    """All that stands in the buffer of the check from a segment on."""
+    """Cover the bytes of the check's buffer from a segment up to the check."""
     first = r.span(paths[0])
     r.when(
         f"{first}.there && {first}.first <= {start}",
@@ -142,12 +142,12 @@ def _up_to_here(r: Any, paths: Any, function: str, code: str, start: str) -> Non
 
 
 def _runs(r: Any, segment: Check, paths: list[str]) -> list[list[str]]:
-    """The paths of segments that stand one after the other in one buffer, together."""
+    """Group the paths of segments that are adjacent in one buffer."""
     orders = list(_orders(r.segments))
     apart = {
         one.path for holder in everything(r.segments) if holder.has_cases for b in holder.blocks for one in flat(b)
     }
-    apart |= {one.path for one in everything(r.segments) if one.is_list}  # of one that breaks off nothing counts
+    apart |= {one.path for one in everything(r.segments) if one.is_list}  # an incomplete list has no reliable span
     found: list[list[str]] = []
     for path in paths:
         if found:
@@ -181,7 +181,7 @@ def _run(r: Any, paths: list[str], function: str, code: str, place: str) -> None
 
 
 def _added(r: Any, part: Added, scope: CScope, function: str, code: str, place: str) -> None:
-    """Bytes that count and are not on the wire."""
+    """Cover bytes that are not transmitted."""
     if part.type is None:
         value = r.writer(scope).value(part.value)
         if value.kind != "bytes" or value.there:
@@ -205,7 +205,7 @@ def _added(r: Any, part: Added, scope: CScope, function: str, code: str, place: 
 
 
 class _At:
-    """What stands somewhere, for messages."""
+    """A position for messages."""
 
     def __init__(self, at: Any) -> None:
         self.at = at

@@ -1,4 +1,4 @@
-"""`choose` and `optional` in C."""
+"""Write `choose` and `optional` in C."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def _branches(w: WriteWriter, segment: Choose | Optional, taken: Taken) -> None:
 
 
 def _not_there(w: WriteWriter, segment: Choose | Optional, taken: Taken) -> None:
-    """No case fits, which no frame has; an optional part is left out."""
+    """Write a failure if no case fits, or the check that an optional part is absent."""
     if isinstance(segment, Choose):
         w.fail("value")
     else:
@@ -110,7 +110,7 @@ def _not_there(w: WriteWriter, segment: Choose | Optional, taken: Taken) -> None
 
 
 def _hand_out(w: WriteWriter, name: str, value: Val, outside: dict[str, tuple[str, str, Val]], taken: Taken) -> None:
-    """What expressions outside a case may read of it."""
+    """Write a value of a case to a local, for expressions outside of the case."""
     if value.kind not in ("number", "bytes"):
         if name in w.asked_by_name and value.kind == "record":
             raise CannotSayError(w.by_name[name].at, f"the record '{name}' of a case, which is read outside it")
@@ -128,7 +128,7 @@ def _hand_out(w: WriteWriter, name: str, value: Val, outside: dict[str, tuple[st
 
 def _put(w: WriteWriter, segment: Choose | Optional, taken: Taken) -> None:
     case = w.chosen[id(segment)]
-    for one in standing_any_way((segment,)):  # of a case that is not taken nothing is there
+    for one in standing_any_way((segment,)):  # segments of cases that are not chosen are empty
         span = w.span(one.path)
         if span is not None:
             w.add(f"{span}.data = {w.inn}.data;", f"{span}.first = {span}.last = {w.inn}.at;", f"{span}.there = true;")
@@ -170,9 +170,9 @@ def _measure_optional(m: CMeasureWriter, segment: Segment, scope: CScope, after:
 
 
 def _cases(r: Any, segment: Choose, value: Val, here: Any) -> list[tuple[str, Segments | None]]:
-    """The branches of the cases: what each begins with, and what is there then; None: no frame has that.
+    """Return the header line of each case with its segments; None marks a forbidden case.
 
-    The value is put into a local first.
+    The value is assigned to a local first.
     """
     field = r.by_path.get(nearest_path(str(segment.on).strip(), segment, r.by_path))
     names = field.values if isinstance(field, Field) and field.values is not None else {}

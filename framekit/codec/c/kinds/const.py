@@ -1,4 +1,4 @@
-"""`const`, `skip` and `fill` in C: bytes without a value."""
+"""Write `const`, `skip` and `fill` in C: bytes without a value."""
 
 from __future__ import annotations
 

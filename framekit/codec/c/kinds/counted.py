@@ -1,4 +1,4 @@
-"""`length` and `count` in C."""
+"""Write `length` and `count` in C."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def _number_told(w: WriteWriter, segment: Length | Count, member: CMember, local
 
 
 def _room_of(w: WriteWriter, length: Length, taken: Taken) -> str:
-    """Text of the bytes that a length counts: worked out at once, or when they have been put together."""
+    """Return the text of the bytes that a length counts: computed immediately, or after they are assembled."""
     texts = []
     for path in length.counted:
         text = w.simple_room(path, taken, length.plain)

@@ -1,4 +1,4 @@
-"""`data` in C."""
+"""Write `data` in C."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ def _put(w: WriteWriter, segment: Data, taken: Taken) -> None:
 
 
 def _put_swapped(w: WriteWriter, segment: Data, local: str) -> None:
-    """The bytes of each unit turned round; what fills no unit stays."""
+    """Write the bytes with each unit reversed; an incomplete unit at the end is unchanged."""
     place = w.local("size_t", "unit_place")
     with w.block(f"for ({place} = 0; {place} < {local}.size; {place}++)"):
         unit, at = segment.swap, w.local("size_t", "turned_place")

@@ -1,4 +1,4 @@
-"""`field` in C: numbers, texts and bytes."""
+"""Write `field` in C: numbers, texts and bytes."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def _read(r: ReadWriter, segment: Field, here: Here, behind: Behind) -> None:
     r.begin()
     wanted = segment.is_
     if wanted is not None and segment.constants is None and constant_of(wanted) is not None:
-        wanted = None  # it is compared at once
+        wanted = None  # compared immediately
     awaited = None if wanted is None else Awaited(r, segment, member, here)
     if segment.long is not None:
         _long(r, segment, here)
@@ -70,7 +70,7 @@ def _read(r: ReadWriter, segment: Field, here: Here, behind: Behind) -> None:
 
 
 def _delimited_number(r: ReadWriter, segment: Field, member: CMember, here: Here) -> None:
-    """A number in text that certain bytes end."""
+    """Write the reading of a number in text that ends at certain bytes."""
     type_, start = segment.type, r.local("size_t", "text_start")
     stop = _up_to_end(r, segment, start)
     size = f"(int64_t)({stop} - {start})"
@@ -94,7 +94,7 @@ def _delimited_number(r: ReadWriter, segment: Field, member: CMember, here: Here
 
 
 def _decimal(r: ReadWriter, segment: Field, member: CMember, here: Here, size: str) -> None:
-    """A number with as many digits behind its point as it has."""
+    """Write the reading of a number with a variable number of decimals."""
     scope, _, path = here
     if segment.is_ is not None or segment.constants is not None or segment.limits is not None:
         raise CannotSayError(segment.at, "a number with any number of decimals that is compared with others")
@@ -168,7 +168,7 @@ def _text(r: ReadWriter, segment: Field, member: CMember, here: Here, behind: Be
 
 
 def _up_to_end(r: ReadWriter, segment: Field, start: str) -> str:
-    """Takes what stands before the bytes that end it; the local with the place of these."""
+    """Write the reading up to the end mark of a text; return the local with the offset of the end mark."""
     type_, refuse = segment.type, r.refuse(segment)
     stop = r.local("size_t", "text_end")
     r.add(f"{start} = {r.at};")
@@ -180,7 +180,7 @@ def _up_to_end(r: ReadWriter, segment: Field, start: str) -> str:
         if r.in_item and r.inn != "in":
             raise CannotSayError(segment.at, "a text in items of a list in a wrap, which ends before several bytes")
         limit = f"{r.inn}.end"
-        if r.inn == "in":  # what ends the last item of a list may stand behind the list
+        if r.inn == "in":  # the end of the last item may be outside of the list
             limit = f"({limit} + {longest} < size ? {limit} + {longest} : size)"
         find = r.file.helper("find_stop")
         found = f"{find}({r.inn}.data, {start}, {limit}, {r.stops(type_)}, {longest}, &{stop})"
@@ -292,7 +292,7 @@ def _take(w: WriteWriter, segment: Field, taken: Taken) -> None:
 
 
 def _room_text(segment: Field) -> str:
-    """The bytes it takes, of what has no length of its own."""
+    """Return the size in bytes of a value without a length of its own; empty for other values."""
     size = segment.type.fixed_size
     if segment.type.kind in ("ascii", "bytes") or size is None or segment.long is not None:
         return ""
@@ -353,13 +353,13 @@ def _take_decimal(w: WriteWriter, segment: Field, member: CMember, taken: Taken)
 
 
 def _flag_of_empty(segment: Field, member: CMember, taken: Taken) -> str:
-    """The condition under which a number stands there, whose text may be empty; '' for others."""
+    """Return the condition that a number is present if its text may be empty; '' for other fields."""
     form = segment.type.form
     return f"{taken.path}{member.flag}" if form is not None and form.empty else ""
 
 
 def _take_wide(w: WriteWriter, segment: Field, member: CMember, taken: Taken) -> None:
-    """A number of 64 bits without a sign."""
+    """Write the assignment of an unsigned 64-bit number."""
     plain = segment.plus == 0 and segment.unit is None and segment.zero_means is None and segment.is_ is None
     if not plain or segment.when is not None or segment.limits is not None or segment.long is not None:
         raise CannotSayError(segment.at, "a number of 64 bits with keys of its own")
@@ -377,7 +377,7 @@ def _take_wide(w: WriteWriter, segment: Field, member: CMember, taken: Taken) ->
 
 
 def _validate(w: WriteWriter, segment: Field, taken: Taken) -> None:
-    """What must hold for a value that was given or built."""
+    """Write the checks of a value that was given or built."""
     member = taken.member(segment.name)
     entry = taken.scope.entries[segment.name]
     local = entry.text
@@ -450,7 +450,7 @@ def _validate_text(w: WriteWriter, segment: Field, local: str, there: str) -> No
 
 
 def told_size(w: WriteWriter, segment: Field | Data, name: str, size: Expression, taken: Taken) -> None:
-    """A value must be as long as others say; one that is filled up may be shorter."""
+    """Write the check that a value has the size that other values state; a padded value may be shorter."""
     local = taken.scope.entries[name].text
     if isinstance(segment, Data):
         filled = segment.pad is not None
@@ -476,7 +476,7 @@ def _put_text(w: WriteWriter, segment: Field, taken: Taken) -> None:
 
 
 def _put_end(w: WriteWriter, segment: Field) -> None:
-    """What ends a text, or that one of several ends has to follow it."""
+    """Write the end mark of a text, or note that one of several end marks must follow."""
     end = segment.type.end
     if end is not None:
         w.add(f"{w.file.helper('put_bytes')}({w.n}, {string(end)}, {len(end)});")

@@ -1,4 +1,4 @@
-"""`inner` in C: a frame inside."""
+"""Write `inner` in C: a frame inside a frame."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def _read(r: ReadWriter, segment: Inner, here: Here, behind: Behind) -> None:
 
 
 def _found_inside(r: ReadWriter, segment: Inner, here: Here) -> str:
-    """The size of a frame inside that ends by itself."""
+    """Return the size of an inner frame that determines its own end."""
     size = r.local("int64_t", "inner_size")
     function = r.file.first_inside(segment)
     room = f"{r.at} < {r.inn}.end ? {r.inn}.end - {r.at} : 0"

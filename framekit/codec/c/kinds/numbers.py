@@ -1,4 +1,4 @@
-"""Numbers in C, as fields, lengths, counts and bits have them: read and kept, compared, put on the wire, measured."""
+"""Write numbers in C for fields, lengths, counts and bits: reading, comparison, encoding and measuring."""
 
 from __future__ import annotations
 
@@ -21,18 +21,19 @@ from framekit.definition.model.segments import Bits, BitsPart, Count, Field, Fie
 from framekit.definition.problems import CannotSayError
 
 Number = Field | Length | Count
+"""The segments that hold one number."""
 
 
 # ---- read -----------------------------------------------------------------------------------------------------
 
 
 def wire_type(type_: FieldType) -> FieldType:
-    """The type of the number that stands there, of which a scaled one is worked out."""
+    """Return the type of the encoded number, from which a scaled number is computed."""
     return type_.inside if type_.kind == "scaled" and type_.inside is not None else type_
 
 
 def _changed(segment: Number, wire: str) -> str:
-    """The text of the value from that of the number on the wire."""
+    """Return the text of the value, given the text of the encoded number."""
     text = f"(int64_t){wire}" if "with_sign" not in wire else wire
     if segment.type.scale is not None:
         text = f"({text} * {number(segment.type.scale.factor)} + {number(segment.type.scale.offset)})"
@@ -45,12 +46,12 @@ def _changed(segment: Number, wire: str) -> str:
 
 
 def float_bits(type_: FieldType) -> tuple[FieldType, bool]:
-    """The type of the number that has the bits of a float, and whether it has 32 of them."""
+    """Return the type of the number with the bits of a float, and whether the float has 32 bits."""
     return replace(type_, kind="digits" if type_.kind == "hex_float" else "int", signed=False), type_.float_bits == 32
 
 
 def read_float(r: ReadWriter, type_: FieldType, raw: str, size: str, segment: Segment) -> tuple[str, str]:
-    """The text of the float behind bytes, and the call that says that they show none; '' if they always do."""
+    """Return the text of a float, and the call that detects invalid bytes; '' if all bytes are valid."""
     if type_.float_bits not in (32, 64):
         raise CannotSayError(segment.at, f"a float of {type_.float_bits // 8} bytes")
     if type_.kind == "hex_float" and type_.order not in ("big", "little"):
@@ -62,7 +63,7 @@ def read_float(r: ReadWriter, type_: FieldType, raw: str, size: str, segment: Se
 
 
 def store_number(r: ReadWriter, segment: Number, here: Here, read: tuple[str, str], start: str = "") -> None:
-    """Keeps a number, and what must hold for it. `read`: what `read_number` gave; `start`: where it begins."""
+    """Write the assignment of a number and its checks. `read`: the result of `read_number`; `start`: its offset."""
     member, (wire, failing) = here[1].members[segment.name], read
     target, start = f"{here[2]}{member.cname}", start or f"{r.inn}.from"
     with if_number(r, segment, failing, start):
@@ -76,7 +77,9 @@ def store_number(r: ReadWriter, segment: Number, here: Here, read: tuple[str, st
 
 @contextmanager
 def if_number(r: ReadWriter, segment: Segment, failing: str, start: str) -> Iterator[None]:
-    """What is done with a number that was read. `failing`: the call that says that it is none (1), or too large."""
+    """Write the code for a valid number inside the context. `failing`: the call that returns 1 for no number, 2 for too
+    large.
+    """
     if not failing:
         yield
         return
@@ -109,7 +112,7 @@ def among(
     start: str,
     only: tuple[int, ...] | None = None,
 ) -> None:
-    """A value that is always the same, or one of several."""
+    """Write the check of a value with one or several allowed values."""
     among: tuple[int | str | bytes, ...] | None = only
     if one.constants is not None:
         among = one.constants
@@ -149,14 +152,14 @@ def _differs(r: ReadWriter, member: CMember, target: str, one: int | str | bytes
 
 
 def _start(r: ReadWriter, name: str) -> tuple[str, str]:
-    """The locals with the place and the turn of a segment that is compared later."""
+    """Return the locals with offset and turn of a segment that is compared later."""
     start, turn = r.local("size_t", f"{name}_start"), r.local("unsigned long", f"{name}_turn")
     r.add(f"{start} = fk_wire({r.n}, {r.at});", f"{turn} = notes->turn;")
     return start, turn
 
 
 class Awaited:
-    """A value that is read now, and compared when what it has to be has been read. Made before it is read."""
+    """A value that is read now and compared after its expected value is known. Created before the value is read."""
 
     def __init__(self, r: ReadWriter, segment: Segment, member: CMember, here: Here, *, sure: bool = True) -> None:
         self.r, self.segment, self.member, self.target = r, segment, member, f"{here[2]}{member.cname}"
@@ -165,10 +168,11 @@ class Awaited:
         self.known = "" if r.is_sure and sure else r.known_of(member)
 
     def compare(self, cause: str, wanted: Callable[[], Val], *needed: str | Expression) -> None:
+        """Defer the comparison until the needed segments are read."""
         self.r.later(lambda: self._write(cause, wanted()), self.segment, *needed)
 
     def _write(self, cause: str, value: Val) -> None:
-        """Compares it with what it should be, as far as that can be told."""
+        """Write the comparison with the expected value, if that is known at run time."""
         r, member, target = self.r, self.member, self.target
         note = f"fk_note_at({r.n}, FRAMEKIT_{cause.upper()}, {self.start}, {self.turn}, {self.refuse});"
         with r.block(f"if ({self.known} == 1)" if self.known else ""):
@@ -198,7 +202,7 @@ class Awaited:
 
 
 def bound(w: WriteWriter, member: CMember, local: str) -> None:
-    """A number outside what its type holds is refused, and nothing is worked out with it."""
+    """Write the refusal of a number outside the range of its type, and replace it for later computations."""
     if member.places:
         return
     low, high = member.low, member.high
@@ -212,7 +216,7 @@ def bound(w: WriteWriter, member: CMember, local: str) -> None:
 
 
 def wire_number(segment: Number, local: str) -> str:
-    """The text of the number on the wire from that of the value."""
+    """Return the text of the encoded number, given the text of the value."""
     text = local
     if isinstance(segment, Field):
         if segment.unit is not None and segment.unit != 1:
@@ -251,12 +255,12 @@ def put_float(w: WriteWriter, type_: FieldType, value: str, segment: Segment) ->
 
 
 def put_decimal(w: WriteWriter, type_: FieldType, value: str, size: str, segment: Segment) -> None:
-    """A number as decimal text. `value`: the number and its places, as arguments."""
+    """Write a number as decimal text. `value`: the number and its decimals, as arguments."""
     w.add(f"{w.file.helper('put_decimal')}({w.n}, {value}, {w.decimal_form(type_, size)});")
 
 
 def put_scaled(w: WriteWriter, type_: FieldType, local: str, segment: Segment) -> None:
-    """The number on the wire, of which the value is so many times and more."""
+    """Write the encoded number of a scaled value."""
     assert type_.inside is not None and type_.scale is not None
     scale, inside = type_.scale, type_.inside
     low, high = forms.wire_range(inside).least, forms.wire_range(inside).most
@@ -276,7 +280,7 @@ def put_scaled(w: WriteWriter, type_: FieldType, local: str, segment: Segment) -
 
 
 def fits(w: WriteWriter, type_: FieldType, local: str, size: str) -> None:
-    """A number must fit into as many bytes or digits as others tell."""
+    """Write the check that a number fits into the bytes or digits that other values state."""
     signed = "true" if type_.signed else "false"
     base = {"int": 256, "digits": type_.base, "bcd": 100}.get(type_.kind, 256)
     w.fail_if(f"!{w.file.helper('fits')}({local}, {size}, {base}, {signed})", "range")
@@ -311,7 +315,7 @@ def measure_number(m: CMeasureWriter, segment: Field | Length | Count | Bits, sc
 
 
 def _read(m: CMeasureWriter, segment: Any, scope: CScope, raw: str, size: str) -> None:
-    """The value of a number of which sizes depend."""
+    """Write the reading of a number that sizes depend on."""
     type_ = segment.type
     if type_.kind in ("ascii", "bytes"):
         view = m.file.helper("view")
@@ -371,7 +375,7 @@ def _long(m: CMeasureWriter, segment: Field, scope: CScope, after: Pairs, needed
 
 
 def _text(m: CMeasureWriter, segment: Any, scope: CScope, after: Pairs, needed: bool) -> None:
-    """A text that its end marks, or that takes the rest."""
+    """Measure a text with an end mark, or a text that takes the rest."""
     type_ = segment.type
     if not type_.is_delimited:
         m.rest(segment, after)

@@ -1,4 +1,4 @@
-"""`repeat`, records, and the end of an item in C."""
+"""Write `repeat`, records, and the end of an item in C."""
 
 from __future__ import annotations
 
@@ -199,7 +199,7 @@ def _items(r: ReadWriter, segment: Repeat, of: Segments, here: Here, behind: Beh
 
 
 def _has_open_number(segments: Segments) -> bool:
-    """Whether there is a number that its end shows: of bad bytes it may take none, though a good one has a digit."""
+    """Return whether the segments contain a delimited number, which may take no bytes if it is invalid."""
     return any(isinstance(one, Field) and one.type.is_delimited and one.type.form is not None for one in segments)
 
 
@@ -374,7 +374,7 @@ def _measure(m: CMeasureWriter, segment: Repeat, scope: CScope, after: Pairs) ->
 
 
 def _records(m: CMeasureWriter, segment: Repeat, of: Segments, scope: CScope, times: str, after: Pairs) -> None:
-    """Items of different size are walked through."""
+    """Write the loop that measures items of variable size."""
     empty, behind = may_be_empty(m.static, segment), m.least(after)
     least = 1 if empty else m.static.all(of).least
     if segment.until is None and not times.isdigit():
@@ -401,7 +401,7 @@ def _records(m: CMeasureWriter, segment: Repeat, of: Segments, scope: CScope, ti
         m.add(f"{before} = at;")
         first_line, known = len(m.out.lines), len(m.locals)
         finished = m.branch(m.pairs(of, inside), ())
-        flags = [one.split()[1] for one in m.locals[known:] if one.startswith("bool ")]  # nothing of the item before
+        flags = [one.split()[1] for one in m.locals[known:] if one.startswith("bool ")]  # flags of the previous item
         m.out.lines[first_line:first_line] = [f"{INDENT * m.out.depth}{flag} = false;" for flag in flags]
         ends, m.ends = m.ends, ""
         if finished:

@@ -1,4 +1,4 @@
-"""`value` and `require` in C: what takes no bytes."""
+"""Write `value` and `require` in C, which take no bytes."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def _values(w: WriteWriter, segment: Value, taken: Taken) -> list[Task]:
 
 
 def _folded(w: WriteWriter, value: Val, segment: Segment) -> str:
-    """The text of a struct framekit_bytes; letters of one case are put into room of their own."""
+    """Return the text of a `struct framekit_bytes`; a text in one letter case gets a buffer of its own."""
     text = w.writer(CScope()).bytes(value)
     if not value.fold:
         return text
@@ -138,7 +138,7 @@ def _bound_value(w: WriteWriter, member: CMember, local: str) -> None:
 
 
 def _differs_kept(w: WriteWriter, member: CMember, local: str, value: Val, segment: Segment) -> str:
-    """The condition that a value is another; it is worked out here, as it may fail."""
+    """Return the condition that a value differs; it is computed here, as the computation may fail."""
     if member.kind == "bytes":
         text = f"!{w.file.helper('same_bytes')}({local}, {_folded(w, value, segment)})"
     else:

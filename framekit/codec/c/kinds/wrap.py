@@ -1,4 +1,4 @@
-"""`wrap` in C: where it ends, and what is read and built of its content; the codings stand in `codec/c/codings.py`."""
+"""Write `wrap` in C: its end, and the reading and building of its content. `codec/c/codings.py` writes the codings."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def _read(r: ReadWriter, segment: Wrap, here: Here, behind: Behind) -> None:
 
 
 def _forget_content(r: ReadWriter, segments: Segments, struct: Any) -> None:
-    """What is worked out of nothing is no value of the frame, and no check code counts it."""
+    """Write that the values of missing content are absent, and that no check code covers it."""
     for one in flat(segments):
         for name in one.value_names:
             r.mark(struct.members.get(name), 0)
@@ -98,7 +98,7 @@ def _limits(r: ReadWriter, segment: Wrap, scope: CScope) -> None:
 
 
 def _end_of_doubled(r: ReadWriter, segment: Wrap, fixed: int | None, behind: Behind) -> str:
-    """The size of a region in which an escape byte is doubled: it shows its end itself, or takes the rest."""
+    """Return the size of a region with doubled escape bytes: it determines its own end, or takes the rest."""
     assert segment.escape is not None
     some = r.embedded_in(segment)
     stop = r.local("size_t", "wrap_end")
@@ -210,7 +210,7 @@ def _doubled(m: CMeasureWriter, segment: Wrap, scope: CScope, after: Pairs, fixe
 
 
 def _fixed_doubled(m: CMeasureWriter, segment: Wrap, scope: CScope, after: Pairs, fixed: int) -> None:
-    """Content of so many bytes, of which one is doubled."""
+    """Measure content of fixed size with doubled escape bytes."""
     behind, found = m.least(after), m.local("size_t", "found_place")
     helper = m.file.helper("end_of_stuffed")
     with m.block(f"switch ({helper}(data, (size_t)at, size, {segment.escape}, {fixed}, &{found}))"):
@@ -222,7 +222,7 @@ def _fixed_doubled(m: CMeasureWriter, segment: Wrap, scope: CScope, after: Pairs
 
 
 def _content(m: CMeasureWriter, segment: Wrap, scope: CScope, after: Pairs) -> None:
-    """Values of a wrap that sizes behind it depend on."""
+    """Write the reading of values in a wrap that the sizes of later segments depend on."""
     needed = m.needed & needed_names(tuple(one for one, _ in after), m.segments)
     names = {name for one in flat(segment.of) for name in one.value_names if name in needed}
     if not names:
