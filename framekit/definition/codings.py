@@ -1,6 +1,6 @@
-"""How the content of a `wrap` may stand on the wire: with bytes escaped, without zeros, with bytes put in, enciphered.
+"""Codings of the content of a `wrap` on the wire: escaped bytes, no zero bytes, inserted bytes, ciphers.
 
-A coding is a class here, with what must be known to validate a definition. Its bytes are made in `codec/stuffing.py`,
+A coding is a class here, with the properties needed to check a definition. Its bytes are made in `codec/stuffing.py`,
 those of ciphers in `codec/ciphers.py` by the library `cryptography`, which is an extra.
 """
 
@@ -23,7 +23,10 @@ from framekit.definition.wire_types import DIGITS, EVERY_BYTE, Sizes
 
 @dataclass(frozen=True, slots=True)
 class Coding:
-    """One way in which content stands on the wire. `never`: the bytes that never stand there then."""
+    """A coding of content on the wire.
+
+    `never`: the bytes that never occur in encoded content.
+    """
 
     at: Position
 
@@ -33,35 +36,37 @@ class Coding:
 
     @property
     def contents(self) -> frozenset[int]:
-        """Return the bytes that may stand on the wire."""
+        """Return the bytes that may occur in encoded content."""
         return EVERY_BYTE - self.never
 
     def sizes(self, plain: Sizes) -> Sizes:
-        """Bytes on the wire of so many plain ones: each may become two, if the coding says nothing else."""
+        """Return the sizes of encoded content (bytes); by default each byte may become two."""
         return Sizes(plain.least, plain.times(1, 2).most)
 
     def size_of(self, plain: Node) -> Node | None:
-        """Return the bytes on the wire of as many plain ones as an expression says; None if that depends on the
+        """Return the size of encoded content, as an expression over the plain size; None if it depends on the
         content.
         """
         return None
 
     @property
     def expressions(self) -> tuple[tuple[str, Expression], ...]:
-        """What must be known to read or build it: what messages call it, and the expression, which gives bytes."""
+        """Return the expressions (bytes) that must be known to read or build the content, with their nouns in
+        messages.
+        """
         return ()
 
     def check(self) -> Iterator[Problem]:
-        """What is wrong with it by itself."""
+        """Report problems of the coding by itself."""
         return iter(())
 
     def check_content(self, size: int | None) -> Iterator[Problem]:
-        """What is wrong with content that always has so many bytes; None: that depends on its values."""
+        """Report problems of content with a constant size in bytes; None: the size depends on values."""
         return iter(())
 
     @property
     def shown(self) -> str:
-        """What documents say of it."""
+        """Return the description for documents."""
         raise NotImplementedError
 
 
@@ -86,7 +91,7 @@ class Hex(Coding):
 
 @dataclass(frozen=True, slots=True)
 class Plain(Coding):
-    """Content as it is: a region of so many bytes."""
+    """Unchanged content: a region of a given size."""
 
     def sizes(self, plain: Sizes) -> Sizes:
         return plain
@@ -101,7 +106,7 @@ class Plain(Coding):
 
 @dataclass(frozen=True, slots=True)
 class Doubled(Coding):
-    """The byte `escape` stands twice; alone it ends the content."""
+    """The byte `escape` is doubled in the content; a single one ends it."""
 
     escape: int
 
@@ -112,7 +117,9 @@ class Doubled(Coding):
 
 @dataclass(frozen=True, slots=True)
 class Escaped(Coding):
-    """Some bytes are two: `escape` and what `codes` say, or the byte with the bits of `flip` turned (`xor`)."""
+    """Escaped bytes become two: `escape` and the code from `codes`, or the byte with the bits of `flip` inverted
+    (`xor`).
+    """
 
     escape: int
     codes: tuple[tuple[int, int], ...]
@@ -151,7 +158,7 @@ class Escaped(Coding):
 
 @dataclass(frozen=True, slots=True)
 class Cobs(Coding):
-    """Consistent Overhead Byte Stuffing: groups of up to 254 bytes, each behind its length, so that there is no 00."""
+    """Consistent Overhead Byte Stuffing: groups of up to 254 bytes, each preceded by its length, without any 00."""
 
     @property
     def never(self) -> frozenset[int]:
@@ -167,7 +174,7 @@ class Cobs(Coding):
 
 @dataclass(frozen=True, slots=True)
 class Inserted(Coding):
-    """Behind every `after` in the content the bytes `insert` are put in."""
+    """The bytes `insert` are inserted after every `after` in the content."""
 
     after: bytes
     insert: bytes
@@ -183,7 +190,7 @@ class Inserted(Coding):
 
 @dataclass(frozen=True, slots=True)
 class Blocks(Coding):
-    """Behind every `size` bytes, and behind what is left, stands a check code over them."""
+    """A check code follows every `size` bytes, and the remaining bytes."""
 
     size: int
     check_code: Check
@@ -259,19 +266,19 @@ CIPHERS: Mapping[str, _Cipher] = {
 
 @dataclass(frozen=True, slots=True)
 class Ciphered(Coding):
-    """Content that is enciphered as a whole.
-
-    Its first `clear` bytes stand as they are. `pad` fills the others up to whole blocks (CBC). Behind them stand
-    `tag` bytes that tell whether content, key, initial value and the bytes `also` are right (GCM).
-    """
+    """Enciphered content."""
 
     cipher: str
     key: Expression
     iv: Expression
     pad: Padding = "none"
+    """Padding to whole blocks (CBC)."""
     tag: int = 0
+    """Bytes of the tag after the content that authenticates content, key, initial value and `also` (GCM)."""
     also: Expression | None = None
+    """Additional authenticated bytes (GCM)."""
     clear: int = 0
+    """Number of leading bytes that are not enciphered."""
 
     @property
     def expressions(self) -> tuple[tuple[str, Expression], ...]:
@@ -368,7 +375,7 @@ def load_cipher(reading: KeyReading, node: Keys) -> Ciphered:
 
 
 def _clear(reader: Reader, node: YamlNode) -> int:
-    """Return how many bytes stand as they are. Raises Broken for fewer than 1."""
+    """Return the number of bytes that are not enciphered. Raises Broken for fewer than 1."""
     clear = reader.number(node)
     if not 1 <= clear <= MOST_BYTES:
         raise reader.broken(
@@ -390,7 +397,7 @@ _EXPECTED = (
     "{after: BYTES, insert: BYTES}, {block: N, check: METHOD}, {short: BYTE} or {cipher: NAME, key: EXPR, iv: EXPR}"
 )
 _OF_BLOCKS = ("check", "as", "case", "order", "size")
-"""The keys of a check code that one behind blocks may have."""
+"""Keys allowed for a check code of blocks."""
 _SCHEMA: Schema = {
     "title": "wrap",
     "description": f"How the content stands on the wire: {_EXPECTED}.",

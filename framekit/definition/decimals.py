@@ -1,7 +1,7 @@
-"""Numbers written as decimal text: with a sign, digits behind a point, an exponent, and what fills them up.
+"""Numbers written as decimal text: with a sign, digits after a point, an exponent, and padding.
 
-A number has one text here, so that building gives the bytes that were read, and what is written otherwise is refused.
-How the text is read and built stands in `codec/support.py`.
+Each number has a single text, so that building gives the bytes that were read; any other text is refused.
+`codec/support.py` reads and builds the text.
 """
 
 from __future__ import annotations
@@ -18,30 +18,30 @@ from framekit.definition.tree import Mapping as Keys
 from framekit.definition.tree import Node
 
 SIGNS: Mapping[str, bytes] = {"minus": b"", "always": b"+", "space": b" ", "never": b""}
-"""What stands before a number that is not negative."""
+"""Sign of a number that is not negative."""
 POINTS = {"decimals": False, "always": True}
-"""Whether a point stands without a digit behind it."""
+"""Whether a point is written without a digit after it."""
 _MOST_DIGITS = 200
 _MOST_EXPONENT = 4
 
 
 @dataclass(frozen=True, slots=True)
 class DecimalForm:
-    """How a decimal number is written.
-
-    `decimals`: digits behind the point; None: as many as the value has. `digits`: before the point at least. `fill`:
-    the byte that fills a text of fixed size up; zeros stand behind the sign. `exponent`: digits of an exponent, which
-    then always stands there, behind one digit before the point; 0: none. `empty`: no text at all is nothing. `point`:
-    a point stands there without digits behind it too.
-    """
+    """Form of a decimal number."""
 
     decimals: int | None = 0
+    """Digits after the point; None: as many as the value has."""
     sign: str = "minus"
     digits: int = 1
+    """Least number of digits before the point."""
     fill: bytes = b"0"
+    """Byte that pads a text of fixed size; zeros are inserted after the sign."""
     exponent: int = 0
+    """Digits of the exponent, which is then always written, after a single digit before the point; 0: no exponent."""
     empty: bool = False
+    """Whether an empty text means a missing value."""
     point: bool = False
+    """Whether a point is written without digits after it."""
 
     @property
     def is_whole(self) -> bool:
@@ -49,7 +49,7 @@ class DecimalForm:
 
     @property
     def least(self) -> int:
-        """Characters of the shortest one."""
+        """Return the number of characters of the shortest number."""
         if self.empty:
             return 0
         behind = self.decimals + 1 if self.decimals else int(self.point)
@@ -58,7 +58,7 @@ class DecimalForm:
 
     @property
     def contents(self) -> frozenset[int]:
-        """The bytes that may stand in one."""
+        """Return the bytes that may occur in a number."""
         found = b"0123456789" + self.fill + SIGNS[self.sign]
         found += b"" if self.sign == "never" else b"-"
         found += b"." if self.point or self.decimals != 0 else b""
@@ -66,7 +66,7 @@ class DecimalForm:
 
     @property
     def arguments(self) -> tuple[int | str | bytes | None, ...]:
-        """What the functions that read and build it are given."""
+        """Return the arguments of the functions that read and build the number."""
         return self.decimals, self.sign, self.digits, self.fill, self.exponent, self.point
 
 
@@ -80,7 +80,7 @@ class Scale:
 
     @property
     def arguments(self) -> tuple[int, int, int]:
-        """What the functions that scale are given."""
+        """Return the arguments of the functions that scale."""
         return self.factor, self.offset, self.places
 
 
@@ -126,11 +126,14 @@ DECIMAL_KEYS: Mapping[str, Schema] = {
         "description": "yes: a decimal of no characters is nothing.",
     },
 }
-"""The keys of `type: decimal`, beside those of every type."""
+"""The keys of `type: decimal`, in addition to those of every type."""
 
 
 def load_form(reader: Reader, keys: Keys, size: object) -> DecimalForm:
-    """What the keys of a decimal say. `size`: what its size is, None if its end shows it. Raises Broken."""
+    """Return the form from the keys of a decimal.
+
+    `size`: its size, or None if an end byte delimits it. Raises Broken.
+    """
     decimals_node, pad_node = keys.get("decimals"), keys.get("pad")
     has_any = decimals_node is not None and reader.text(decimals_node).strip() == "any"
     decimals = None if has_any else _digits(reader, decimals_node, 0)
@@ -172,7 +175,7 @@ def load_form(reader: Reader, keys: Keys, size: object) -> DecimalForm:
 
 
 def _digits(reader: Reader, node: Node | None, otherwise: int) -> int:
-    """Return a number of digits. Raises Broken for one that is too large."""
+    """Return a number of digits. Raises Broken if it is too large."""
     number = otherwise if node is None else reader.number(node)
     if node is not None and not 0 <= number <= _MOST_DIGITS:
         raise reader.broken(node.at, f"0 to {_MOST_DIGITS} digits are possible", "correct the number")
@@ -180,7 +183,7 @@ def _digits(reader: Reader, node: Node | None, otherwise: int) -> int:
 
 
 def load_scale(reader: Reader, keys: Keys) -> Scale | None:
-    """What `scale` and `offset` say; None without them. Raises Broken."""
+    """Return the scale from the keys `scale` and `offset`; None without them. Raises Broken."""
     scale_node, offset_node = keys.get("scale"), keys.get("offset")
     if scale_node is None:
         if offset_node is not None:

@@ -1,7 +1,6 @@
-"""State diagrams of link procedures, as Mermaid text, drawn from the same steps that are carried out.
+"""State diagrams of link procedures, as Mermaid text, drawn from the same steps that are executed.
 
-Nothing is added by hand, so a diagram cannot say anything else than the definition. How a step is executed is not
-known here.
+The diagrams contain nothing but the definition. The execution of a step is not known here.
 """
 
 from __future__ import annotations
@@ -48,7 +47,9 @@ def sequence_diagram(sequence: Sequence) -> str:
 
 
 def diagrams(protocol: Protocol) -> str:
-    """Return all link procedures of a protocol as Markdown, a heading and a Mermaid diagram each, with who runs it."""
+    """Return all link procedures of a protocol as Markdown, each with a heading, a Mermaid diagram and the roles that
+    run it.
+    """
     parts = [f"# Sequences of {protocol.name}\n"]
     for sequence in protocol.sequences.values():
         parts.append(f"## {sequence.name}\n\n{_run_by(protocol, sequence.name)}\n")
@@ -82,7 +83,7 @@ def _run_by(protocol: Protocol, name: str) -> str:
 
 
 def _does(step: Step) -> str:
-    """What a step does, in a few words."""
+    """Return the actions of a step, in a few words."""
     words = [step.name]
     if step.parts is not None:
         words.append("for each piece")
@@ -188,5 +189,5 @@ def _state(name: str, kind: str = "step") -> str:
 
 
 def _text(words: str) -> str:
-    """A label: what Mermaid would read as its own signs is written as character codes."""
+    """Return a label with character codes in place of the characters that have a meaning in Mermaid."""
     return "".join(f"#{ord(letter)};" if letter in '#;:"{}<>' else letter for letter in printable(words))

@@ -487,7 +487,7 @@ Token = tuple[str, str, Position]
 
 
 class ExpressionError(ValueError):
-    """Raised for an expression that does not parse; `problem` says where and why."""
+    """Raised for an expression that does not parse; `problem` has the place and the reason."""
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem

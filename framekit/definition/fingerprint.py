@@ -1,4 +1,4 @@
-"""Fingerprints of model values: whether two definitions, or two parts of them, say the same."""
+"""Fingerprints of model values: equal for definitions, or parts of definitions, with equal content."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A definition made of another program's description of a protocol, and what of that it does not say."""
+"""A definition converted from another program's description of a protocol, with the parts that were not converted."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from framekit.definition.problems import Problem
 
 @dataclass(frozen=True, slots=True)
 class ImportedDefinition:
-    """The definition as YAML, and what was left out, each with its place in the file that was read."""
+    """The definition as YAML, and the omitted parts, each with its place in the file that was read."""
 
     text: str
     left_out: tuple[Problem, ...]

@@ -1,7 +1,7 @@
-"""One table of keys for each part of a definition: what a key is called, how its value looks, how it is read.
+"""A table of keys for each part of a definition: name of the key, form of its value, reader.
 
 The table of a part is its class in the model: each attribute that a key gives is declared with `key`. The schema of the
-part is written from it (`properties_of`), and a mapping is read by it (`read_keys`).
+part is generated from it (`properties_of`), and a mapping is read by it (`read_keys`).
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from framekit.definition.tree import Mapping, Node, Sequence
 T = TypeVar("T")
 Schema = MappingOf[str, Any]
 ValueKind = Literal["number", "time", "text", "bytes", "list", "record", "frame", "table", "any"]
-"""What a value is, for expressions."""
+"""Kinds of values in expressions."""
 
 
 class Meanings(Interface):
-    """What names mean where something is read."""
+    """Meanings of names in the scope of a reader."""
 
     reader: Reader
     circles: set[frozenset[str]]
@@ -42,18 +42,18 @@ class Meanings(Interface):
 
 
 class KeyReading:
-    """A mapping that is being read into a class: its keys, what has been read of it, and who reads."""
+    """A mapping being read into a class: its keys, the attributes read so far, and the loader."""
 
     def __init__(self, loader: Any, keys: Mapping) -> None:
         self.loader = loader
-        self.space: Meanings = getattr(loader, "space", None)  # type: ignore[assignment]  # where names mean nothing
+        self.space: Meanings = getattr(loader, "space", None)  # type: ignore[assignment]  # None without a scope
         self.reader: Reader = loader.reader
         self.keys = keys
         self.found: dict[str, Any] = {}
 
 
 class Form(NamedTuple):
-    """How the value of a key looks in the schema, how it is read; for an expression, what it has to come to."""
+    """Form of the value of a key: its schema and its reader; for an expression, the required kind."""
 
     schema: Schema
     read: Callable[[KeyReading, Node], Any]
@@ -61,7 +61,7 @@ class Form(NamedTuple):
 
 
 class Key(NamedTuple):
-    """The keys behind one attribute: their schemas by name, and how the attribute follows from the mapping."""
+    """The keys that give an attribute: their schemas by name, and the function that derives the attribute."""
 
     schemas: MappingOf[str, Schema]
     read: Callable[[KeyReading], Any]
@@ -80,7 +80,7 @@ def key(
 
 
 def key_of(name: str, form: Form, doc: str = "", default: Any = MISSING) -> Key:
-    """A row of a table: the key of that name, whose value has a form."""
+    """Return a row of a table: a key and the form of its value."""
 
     def read(reading: KeyReading) -> Any:
         node = reading.keys.get(name)
@@ -97,7 +97,7 @@ def keys(
     default: Any = MISSING,
     factory: Callable[[], Any] | None = None,
 ) -> Any:
-    """An attribute that several keys give together. `factory` makes what it is without them."""
+    """Declare an attribute that several keys give together. `factory` makes its value if they are missing."""
     metadata = {"key": Key(schemas, read, default is MISSING and factory is None)}
     return (
         field(default=default, metadata=metadata)
@@ -143,7 +143,7 @@ def read_keys(
 
 
 def read_part(part: type[T], loader: Any, node: Node | None, **known: Any) -> T:
-    """What a mapping says by the table of its class; its attributes `known` before among them. Raises Broken."""
+    """Read a mapping into a class by its table; `known`: attributes given in advance. Raises Broken."""
     mapping = loader.reader.mapping(node)
     if "at" in part.__dataclass_fields__:  # type: ignore[attr-defined]
         known.setdefault("at", mapping.at)
@@ -156,12 +156,12 @@ def mapping_of(part: type, schema: Schema) -> Form:
 
 
 def list_of(part: type, schema: Schema) -> Form:
-    """Mappings that are read into a class; a single one stands for a list of one."""
+    """Return the form of mappings that are read into a class; a single mapping counts as a list of one."""
     return Form(schema, lambda r, node: tuple(read_part(part, r.loader, item) for item in r.reader.items(node)))
 
 
 def expressions_with_kinds(part: Any) -> Iterator[tuple[Any, ValueKind]]:
-    """The expressions of a part that have to come to something certain, each with what that is."""
+    """Yield the expressions of a part that require a kind, each with the kind."""
     for attribute, one in table_of(part.__class__).items():
         if one.kind is not None:
             yield getattr(part, attribute), one.kind
@@ -170,7 +170,10 @@ def expressions_with_kinds(part: Any) -> Iterator[tuple[Any, ValueKind]]:
 def mapping_schema(
     part: type, title: str, *, required: Iterable[str] | None = None, doc: str | None = None, **more: Any
 ) -> dict[str, Any]:
-    """The schema of a mapping that is read into a class. `doc`: what the key `doc` says, which nothing reads."""
+    """Return the schema of a mapping that is read into a class.
+
+    `doc`: description of the key `doc`, which is not read.
+    """
     wanted = list(required_of(part) if required is None else required)
     head: dict[str, Any] = {"title": title, "type": "object", **({"required": wanted} if wanted else {}), **more}
     properties = {**properties_of(part), **({} if doc is None else {"doc": {**ref("text"), "description": doc}})}
@@ -186,17 +189,17 @@ def kind_schema(kind: type, title: str) -> dict[str, Any]:
 
 
 def ref(name: str) -> Schema:
-    """The schema of that name among those that all files share."""
+    """Return a reference to a schema in the file of common schemas."""
     return {"$ref": f"common.schema.json#/$defs/{name}"}
 
 
 def here(name: str) -> Schema:
-    """The schema of that name in the file itself."""
+    """Return a reference to a schema in the same file."""
     return {"$ref": f"#/$defs/{name}"}
 
 
 def words(name: str, *known: str | int | bool) -> Schema:
-    """The schema of a word of a list; `name` is what messages call it."""
+    """Return the schema of a word of a list; `name`: its noun in messages."""
     return {"enum": list(known), "x-name": name}
 
 

@@ -1,6 +1,6 @@
 """Parse YAML into nodes with positions. Every scalar stays text; its meaning depends on the key and is decided later.
 
-YAML syntax errors become problems that say what is wrong and what to do.
+YAML syntax errors become problems with a description and a remedy.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Validation of files against the JSON schemas, with every problem at its exact place.
 
-The schemas say which keys there are and what their values look like; names, expressions and everything that concerns
-more than one key is the loaders' and the checker's.
+The schemas define the keys and the form of their values; names, expressions and conditions on several keys are checked
+by the loaders and the checker.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _NOUNS = {
 }
 _NUMBERED = ("channels", "blocks", "sets")
 _DEEPER = {("memory", 2), ("sets", 3), ("roles", 3)}
-"""Sections that do not stand at the top: the first key of the path, and where in the path the entry's name stands."""
+"""Sections below the top level: the first key of the path, and the index in the path of the entry's name."""
 
 _LISTED = {
     "addresses": ("address form", "", 1),
@@ -78,7 +78,7 @@ class Places:
         return node
 
     def key(self, path: Path, key: str) -> Position:
-        """Where a key of the mapping at `path` stands."""
+        """Return the place of a key of the mapping at `path`."""
         node = self.node(path)
         if not isinstance(node, Mapping):
             return node.at
@@ -133,7 +133,7 @@ MOST_KINDS = 8
 """Kinds that are listed where one is missing."""
 
 LONGEST_LIST = 12
-"""Known words that are listed when none is near."""
+"""Largest number of known words listed if none is similar."""
 
 OWN_KEYS = "x-own-keys"
 """Keyword of mappings with free keys: a key that is nearly one of the known ones is a slip."""
@@ -141,7 +141,7 @@ OWN_KEYS = "x-own-keys"
 
 @dataclass(frozen=True, slots=True)
 class _Complaint:
-    """A problem, the path of the node it is about, and what sort it is: `unknown`, `missing`, `kinds` or `value`."""
+    """A problem, the path of its node, and its sort: `unknown`, `missing`, `kinds` or `value`."""
 
     path: Path
     sort: str
@@ -182,10 +182,10 @@ class Messages:
         else:
             yield from word(self, error, path)
 
-    # ---- what things are called ---------------------------------------------------------------------------
+    # ---- nouns for parts ----------------------------------------------------------------------------------
 
     def _thing(self, path: Path, schema: dict[str, Any]) -> str:
-        """`frame 'X'`, `a field segment of frame 'X'`, `the line section`."""
+        """Return a noun phrase: `frame 'X'`, `a field segment of frame 'X'`, `the line section`."""
         place = self.places.place(path)
         if self.places.is_named(path):
             return place
@@ -195,7 +195,7 @@ class Messages:
         return f"{title} of {place}" if place else title
 
     def _subject(self, path: Path) -> str:
-        """`'body' of frame 'X'`, `an item of 'body' of frame 'X'`."""
+        """Return a noun phrase: `'body' of frame 'X'`, `an item of 'body' of frame 'X'`."""
         place = self.places.place(path)
         if self.places.is_named(path):
             return place
@@ -243,7 +243,7 @@ class Messages:
         yield self._unknown(path, error.message, error.schema, hint)
 
     def _missing_keys(self, error: Any, path: Path) -> Iterator[_Complaint]:
-        """Yield all keys that are missing in one mapping, without those that are there misspelt."""
+        """Yield all keys that are missing in one mapping, without those that are misspelt."""
         node, schema = self.places.node(path), error.schema
         properties = schema.get("properties", {})
         strange = [key for key in islice(error.instance, MOST_WORDED) if key not in properties]
@@ -259,7 +259,7 @@ class Messages:
             yield _Complaint(path, "missing", problem)
 
     def _kinds(self, error: Any, path: Path) -> Iterator[_Complaint]:
-        """Exactly one of some keys must be there."""
+        """Report a mapping that does not have exactly one of the keys that name its kind."""
         if not isinstance(error.instance, dict):
             return
         schema, node = error.schema, self.places.node(path)
@@ -352,7 +352,7 @@ class Messages:
         if not text.strip():
             yield self._value(path, f"{self._subject(path)} is empty", f"write {expected}")
             return
-        slip, meant = error.schema.get("x-slip", ("(?!)", ""))  # what is nearly right, and how it is right
+        slip, meant = error.schema.get("x-slip", ("(?!)", ""))  # a nearly correct form, and its correction
         match = re.fullmatch(slip, text)
         todo = "" if match is None else f"write {match.expand(meant)}"
         yield self._value(path, f"'{_short(text)}' is not {expected}{self._inside(path)}", todo)
@@ -407,7 +407,7 @@ _ADD = ("add it", "add them")
 
 
 def _without_space(node: Node) -> str:
-    """What to do when a key and its value, or a dash and its item, were written without a space between them."""
+    """Return advice if the space between a key and its value, or a dash and its item, is missing; else ''."""
     if isinstance(node, Mapping) and node.entries and node.entries[0].key.text.startswith("-"):
         return "write a space behind the '-'"
     match = _NO_SPACE.fullmatch(node.text) if isinstance(node, Scalar) and not node.quoted else None
@@ -477,7 +477,7 @@ _NEARLY = 0.8
 
 
 def kind_of(node: Node) -> Kind:
-    """What kind of file this is, by its first key. Raises DefinitionError when that is none of the known."""
+    """Return the kind of a file, by its first key. Raises DefinitionError for an unknown key."""
     wanted = f"begin with {ANY_FIRST_KEY}"
     if not isinstance(node, Mapping) or not node.entries:
         raise DefinitionError([Problem(node.at, "the file does not begin with a key", wanted)])
@@ -620,7 +620,9 @@ def _validator(kind: Kind) -> Any:
 
 
 def _referred(validator: Any, wanted: str, instance: Any, schema: Any) -> Iterator[Any]:
-    """Keyword `$ref`: all references of framekit name a file and a definition, so no resolver is needed."""
+    """Validate keyword `$ref`: all references of framekit name a file and a definition, so that no resolver is
+    needed.
+    """
     file, _, name = wanted.partition(_DEFINITION)
     yield from validator.descend(instance, _schemas()[file]["$defs"][name])
 
@@ -631,7 +633,7 @@ def _are_keys(branches: list[dict[str, Any]]) -> bool:
 
 
 def _exactly_one(validator: Any, wanted: Any, instance: Any, schema: Any) -> Iterator[Any]:
-    """Keyword `oneOf`: of branches that require keys, exactly one key is present."""
+    """Validate keyword `oneOf`: of branches that require keys, exactly one key is present."""
     from jsonschema import Draft202012Validator, ValidationError
 
     if not _are_keys(wanted):
@@ -641,7 +643,7 @@ def _exactly_one(validator: Any, wanted: Any, instance: Any, schema: Any) -> Ite
 
 
 def _pattern(validator: Any, wanted: str, instance: Any, schema: Any) -> Iterator[Any]:
-    """Keyword `pattern`: as in the schemas' own language, its `$` is the very end; to Python a line end may follow."""
+    """Validate keyword `pattern` as in JSON Schema, where `$` is the very end; in Python a line end may follow."""
     from jsonschema import ValidationError
 
     if isinstance(instance, str) and re.search(re.sub(r"\$\Z", r"\\Z", wanted), instance) is None:
@@ -649,7 +651,7 @@ def _pattern(validator: Any, wanted: str, instance: Any, schema: Any) -> Iterato
 
 
 def _own_keys(validator: Any, wanted: Any, instance: Any, schema: Any) -> Iterator[Any]:
-    """Keyword `x-own-keys`: any key is allowed except near misspellings of the keys that have a meaning."""
+    """Validate keyword `x-own-keys`: any key is allowed except near misspellings of the keys that have a meaning."""
     from jsonschema import ValidationError
 
     known = schema.get("properties", {})

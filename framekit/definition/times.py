@@ -59,7 +59,7 @@ MOST_SPEED = 1_000_000_000
 
 
 def parse_format(text: str, speed: int) -> LineFormat:
-    """`8E1`, `7O2`, `8N1.5` at `speed` bits a second. Raises ValueError with a sentence for anything else."""
+    """Parse `8E1`, `7O2`, `8N1.5` at `speed` bits a second. Raises ValueError with a sentence for other texts."""
     match = re.fullmatch(r"([5-9])([NEOMSneoms])(1|1\.5|2)", text.strip())
     if match is None:
         raise ValueError(f"'{text}' is not a line format – write data bits, parity and stop bits, such as 8N1 or 7E1")
@@ -71,7 +71,7 @@ def parse_format(text: str, speed: int) -> LineFormat:
 
 
 def parse_time(text: str) -> int:
-    """`50 ms`, `1.5 s`, `never` in nanoseconds; several parts add up (`1 h 30 min`). Raises ValueError."""
+    """Parse `50 ms`, `1.5 s`, `never`; return nanoseconds. Several parts add up (`1 h 30 min`). Raises ValueError."""
     text = text.strip()
     if text == "never":
         return NEVER
@@ -91,7 +91,9 @@ def _scaled(number: str, unit: int) -> int:
 
 
 def readable_time(time: int) -> str:
-    """For people: to the microsecond, in seconds from one second on: `12.5 ms`, `0.002 ms`, `1.25 s`, `never`."""
+    """Return a time (ns) for users: to the microsecond, from one second on in seconds: `12.5 ms`, `0.002 ms`, `1.25 s`,
+    `never`.
+    """
     if time >= NEVER:
         return "never"
     return f"{round(time / 1e9, 6):.10g} s" if time >= UNITS["s"] else f"{round(time / 1e6, 3):.10g} ms"
@@ -113,16 +115,16 @@ Handshake = Literal["none", "rtscts", "xonxoff"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Direction:
-    """What switches the transmitter: RTS, set by this program (`rts`) or by the port's driver.
-
-    `high`: the level while sending. `before`, `after`: durations of the level before the first and after the last
-    bit (ns).
-    """
+    """Switching of the transmitter."""
 
     by: Literal["rts", "driver"] = "rts"
+    """`rts`: this program sets RTS; `driver`: the port's driver switches."""
     high: bool = True
+    """Level while sending."""
     before: int = 0
+    """Duration of the level before the first bit (ns)."""
     after: int = 0
+    """Duration of the level after the last bit (ns)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -168,5 +170,5 @@ MOST_STATIONS = {"rs232": 1, "rs422": 10, "rs485": 32}
 
 
 def milliseconds(time: float) -> str:
-    """`34 ms`, `2.5 ms`: three digits are enough."""
+    """Return a time (ns) with three digits: `34 ms`, `2.5 ms`."""
     return f"{float(f'{time / 1e6:.3g}'):g} ms"

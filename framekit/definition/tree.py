@@ -1,6 +1,7 @@
-"""The nodes of a YAML file, with positions: every scalar is text, nothing has been given a meaning yet.
+"""The nodes of a YAML file, with positions: every scalar is uninterpreted text.
 
-What reads single keys needs these alone; how a file becomes nodes stands in `nodes`, with the library that it takes.
+Readers of single keys need these alone; the conversion of a file to nodes is in `nodes`, with the library that it
+needs.
 """
 
 from __future__ import annotations
@@ -16,15 +17,14 @@ NOTES = ("about", "doc", "source", "second_source")
 
 @dataclass(frozen=True)
 class Scalar:
-    """A single value as its text; `''` when nothing is written.
-
-    `quoted`: in quotes. `absent`: not even a colon stands behind its key, as `b)` in `{set: max(a, b)}` has no value.
-    """
+    """A single value as its text; `''` for an empty value."""
 
     text: str
     at: Position
     quoted: bool = False
+    """Whether it is in quotes."""
     absent: bool = False
+    """Whether its key has no colon, as `b)` in `{set: max(a, b)}`."""
 
 
 @dataclass
@@ -43,7 +43,7 @@ class Entry:
     use: _Use = field(default_factory=_Use, compare=False, repr=False)
 
     def holding(self, value: Node) -> Entry:
-        """Return the same entry with another value; who reads one of them has read both."""
+        """Return the entry with another value; reading one of them marks both as read."""
         return Entry(self.key, value, self.use)
 
 
@@ -56,7 +56,7 @@ class Mapping:
     flow: bool = False
 
     def get(self, key: str) -> Node | None:
-        """Return the value of a key, which counts as read; None when there is no such key."""
+        """Return the value of a key and mark it as read; None for a missing key."""
         for entry in self.entries:
             if entry.key.text == key:
                 entry.use.read = True
@@ -94,9 +94,9 @@ Node = Scalar | Mapping | Sequence
 
 
 def unread(node: Node) -> Iterator[tuple[Mapping, Entry]]:
-    """The entries that no loader has read, each with what it stands in.
+    """Yield the entries that no loader has read, each with its mapping.
 
-    A mapping of which nothing was read is passed over: it belongs to something that is not loaded at all.
+    A mapping without any read entry is skipped: it belongs to a part that is not loaded at all.
     """
     waiting: list[Node] = [node]
     while waiting:

@@ -1,6 +1,6 @@
-"""Test cases beside a definition: frames with their bytes, and conversations on virtual time; read, and checked.
+"""Test cases next to a definition: frames with their bytes, and conversations on virtual time; read, and checked.
 
-Guide: vectors. What is in a case stays plain (text, lists, mappings) until a runner gives it a meaning.
+Guide: vectors. The content of a case stays plain (text, lists, mappings) until a runner gives it a meaning.
 """
 
 from __future__ import annotations
@@ -26,14 +26,13 @@ from framekit.definition.problems import Position, Problem, did_you_mean
 
 @dataclass(frozen=True, slots=True)
 class Wire:
-    """Bytes of a case; None is a byte that is not compared. `tail` follows a computed check code, if there is one.
-
-    `marks`: places of the bytes with a ninth bit, those in the tail counted from the end (-1: the last).
-    """
+    """Bytes of a case; None is a byte that is not compared."""
 
     head: tuple[int | None, ...]
     tail: tuple[int | None, ...] | None = None
+    """Bytes after a computed check code; None without a check code."""
     marks: frozenset[int] = frozenset()
+    """Indices of the bytes with a ninth bit, those in the tail counted from the end (-1: the last)."""
 
     @property
     def exact(self) -> bytes | None:
@@ -72,7 +71,7 @@ def _words(wanted: tuple[int | None, ...], marks: Collection[int]) -> list[str]:
 
 
 def nine_bits(data: bytes, marked: int | None) -> str:
-    """Bytes as a case has them: `10B 0B`, the ninth bit before the marked one."""
+    """Return bytes in the form of a case: `10B 0B`, with the ninth bit before the marked byte."""
     return " ".join(_words(tuple(data), () if marked is None else (marked,)))
 
 
@@ -87,8 +86,9 @@ _MOST_REPEATED = 65_536
 
 
 def parse_wire(text: str) -> Wire:
-    """`1B 41`, `10B` with a ninth bit, `xx`, `00*32`, `check`, names of control characters. Raises ValueError with a
-    sentence.
+    """Parse `1B 41`, `10B` with a ninth bit, `xx`, `00*32`, `check`, names of control characters.
+
+    Raises ValueError with a sentence.
     """
     parts: list[list[int | None]] = [[]]
     marks: list[tuple[int, int]] = []
@@ -125,7 +125,7 @@ def plain_of(node: Node | None) -> Any:
 
 
 def _places_of(keys: Mapping) -> dict[str, Position]:
-    """Where every value stands, and every name in one that is a mapping."""
+    """Return the place of every value, and of every name in a value that is a mapping."""
     places = {entry.key.text: entry.value.at for entry in keys.entries}
     for entry in keys.entries:
         if isinstance(entry.value, Mapping):
@@ -133,7 +133,7 @@ def _places_of(keys: Mapping) -> dict[str, Position]:
     return places
 
 
-# ---- what keys hold ------------------------------------------------------------------------------------------
+# ---- values of keys ------------------------------------------------------------------------------------------
 
 
 def _wire(reading: KeyReading, node: Node | None) -> Wire:
@@ -187,7 +187,7 @@ def _kind(reading: KeyReading) -> str:
 
 
 def _of_kinds(kinds: Collection[str], read: Callable[[KeyReading, Node | None], Any]) -> Callable[[KeyReading], Any]:
-    """Reads an attribute of lines of these kinds; None for others."""
+    """Return a reader of an attribute for lines of these kinds; None for other lines."""
     return lambda r: read(r, r.keys.get(r.found["kind"])) if r.found["kind"] in kinds else None
 
 
@@ -204,13 +204,13 @@ def _script(reading: KeyReading, node: Node) -> tuple[ScriptLine, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameVector:
-    """A frame both ways, or bytes and what becomes of them (`expect`: bad, refused or noise; the cause or number).
-
-    `places`: where the value of a key stands, and the name of an entry under `KEY.NAME`; for messages.
+    """A frame in both directions, or bytes with their expected fault (`expect`: bad, refused or noise; the cause or
+    number).
     """
 
     at: Position
     places: MappingOf[str, Position] = keys({}, lambda r: _places_of(r.keys), factory=dict)
+    """Places of the values of keys, and of entries as `KEY.NAME`; for messages."""
     frame: str | None = keys({"frame": {}}, _frame_name, default=None)
     name: str = keys(
         {"name": {}}, lambda r: r.reader.maybe(r.reader.text, r.keys.get("name")) or r.found["frame"] or ""
@@ -244,7 +244,7 @@ class ScriptLine:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Result:
-    """What comes out; None is not looked at. `state` and `memory` are compared afterwards."""
+    """Expected result; None is not compared. `state` and `memory` are compared afterwards."""
 
     values: Any = key("values", PLAIN, default=None)
     error: int | None = key("error", NUMBER, default=None)
@@ -255,7 +255,7 @@ class Result:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conversation:
-    """One side, what it starts with, what it is asked to do, and what goes over the line. `places`: as in frames."""
+    """A conversation of one side: its initial state, the service it is asked to run, and the bytes on the line."""
 
     at: Position
     places: MappingOf[str, Position] = keys({}, lambda r: _places_of(r.keys), factory=dict)
@@ -286,7 +286,7 @@ class Vectors:
 
 
 def read_vectors(path: str | Path) -> tuple[Vectors | None, list[Problem]]:
-    """The cases of a file that can be read, and every problem of it; None for what is no vectors file at all."""
+    """Read the cases of a file and all its problems; None for a file that is no vectors file."""
     reader = Reader()
     documents = Documents(reader)
     vectors = None
@@ -317,18 +317,18 @@ def _load(documents: Documents, root: Mapping) -> Vectors:
 BESIDE_SERVICES = (
     "station", "unit", "count", "value", "values", "send", "exchange", "expected", "run",
 )  # fmt: skip
-"""Keys of `do` that are no service: what goes with one, and what is done instead of one."""
+"""Keys of `do` that are no service: parameters of a service, and alternatives to a service."""
 
 
 def role_of(conversation: Conversation, protocol: Protocol) -> str | None:
-    """The role it plays. Without `role:` that of a client where it has `do:`, else that of a server."""
+    """Return the tested role. Without `role:` that is a client's with `do:`, else a server's."""
     if conversation.role is not None:
         return conversation.role
     return protocol.serving_role if conversation.do is None else protocol.asking_role
 
 
 def check_vectors(vectors: Vectors, protocol: Protocol) -> list[Problem]:
-    """Everything in the cases that names what the protocol does not have."""
+    """Return a problem for each name in the cases that the protocol does not have."""
     found: list[Problem] = []
     for case in vectors.frames:
         found += _frame(case, protocol)
@@ -338,7 +338,7 @@ def check_vectors(vectors: Vectors, protocol: Protocol) -> list[Problem]:
 
 
 class _CaseCheck:
-    """One case: where its keys stand, and which names of the protocol they may have."""
+    """Context of a case: the places of its keys."""
 
     def __init__(self, at: Position, places: MappingOf[str, Position]) -> None:
         self.at = at
@@ -353,7 +353,7 @@ class _CaseCheck:
                 yield Problem(at, f"{whose} no {kind} '{name}'", did_you_mean(name, known))
 
     def made(self, key: str, frames: Any, protocol: Protocol) -> Iterator[Problem]:
-        """`{FRAME: {field: value}}`."""
+        """Check the names in `{FRAME: {field: value}}`."""
         for frame, fields in frames.items() if isinstance(frames, MappingOf) else ():
             yield from self.unknown(key, [frame], protocol.frames, "frame")
             if frame in protocol.frames and isinstance(fields, MappingOf):
@@ -399,7 +399,7 @@ def _conversation(conversation: Conversation, protocol: Protocol) -> Iterator[Pr
 
 
 def _cannot_ask(case: _CaseCheck, conversation: Conversation, protocol: Protocol) -> Iterator[Problem]:
-    """`do` of a role that begins no exchanges; a frame alone can be sent by every role."""
+    """Report `do` for a role that begins no exchanges; every role can send a single frame."""
     role = protocol.roles.get(role_of(conversation, protocol) or "")
     if role is None or role.exchanges or "send" in (conversation.do or {}):
         return
@@ -411,7 +411,7 @@ def _cannot_ask(case: _CaseCheck, conversation: Conversation, protocol: Protocol
 
 
 def _asked(case: _CaseCheck, do: MappingOf[str, Any], protocol: Protocol) -> Iterator[Problem]:
-    """What the tested side is to do."""
+    """Report unknown names in the task of the tested side."""
     for made in ("send", "exchange"):
         yield from case.made(f"do.{made}", do.get(made), protocol)
     expected = do.get("expected", [])

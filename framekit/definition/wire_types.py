@@ -1,7 +1,7 @@
-"""Static sizes; field types: what `type: u16`, `type: hex, size: 4` and their companions mean.
+"""Static sizes; field types: the meaning of `type: u16`, `type: hex, size: 4` and the keys that complete them.
 
-The words that `type:` may have are the rows of `TYPES`, each with the kind of type it makes; what there is of a kind
-here is a row of `TYPE_KINDS`. How bytes of a kind are read and built is told to the compiler, by the same name.
+The words of `type:` are the rows of `TYPES`, each with its kind of type; the properties of a kind are a row of
+`TYPE_KINDS`. The compiler has the code that reads and builds each kind, under the same name.
 """
 
 from __future__ import annotations
@@ -76,30 +76,35 @@ assert set(ORDERS.values()) == set(get_args(Order))
 EVERY_BYTE = frozenset(range(256))
 DIGITS = frozenset(b"0123456789ABCDEFabcdef")
 MOST_OF_NUMBER = 256
-"""A number has so many bytes at most."""
+"""Largest size of a number (bytes)."""
 
 
 @dataclass(frozen=True, slots=True)
 class FieldType:
-    """How one value is written on the wire.
-
-    `size` is bytes on the wire (digits: places; bcd: bytes). `base` 16, 10 or 8 and `upper` are for digits, `pad` (one
-    byte) for ascii, `form` for decimals. Mid-endian orders exist for integers and floats of 2, 4 and 8 bytes. Without a
-    size, the bytes `end` show where a text or decimal ends and belong to it, or it ends before the first place with one
-    of `stops`, which are part of what follows. `scale`: of the number of the type `inside`, which stands on the wire.
-    """
+    """Form of a value on the wire."""
 
     kind: str
     size: int | Expression | None
+    """Bytes on the wire (digits: characters; bcd: bytes); None for a text or decimal that ends at `end` or before
+    `stops`.
+    """
     signed: bool = False
     order: Order = "big"
+    """Byte order; mid-endian orders exist for integers and floats of 2, 4 and 8 bytes."""
     base: int = 16
+    """16, 10 or 8, for digits."""
     upper: bool = True
+    """Whether hex digits are capital letters."""
     pad: bytes | None = None
+    """Byte that pads a text of type ascii."""
     end: bytes | None = None
+    """Bytes that end a text or decimal, and belong to it."""
     stops: tuple[bytes, ...] = ()
+    """Bytes before which a text or decimal ends; they belong to the next segment."""
     form: DecimalForm | None = None
+    """Form of a decimal."""
     scale: Scale | None = None
+    """Scale applied to the number of the type `inside`, which is on the wire."""
     inside: FieldType | None = None
 
     @property
@@ -108,12 +113,12 @@ class FieldType:
 
     @property
     def is_delimited(self) -> bool:
-        """Whether certain bytes show where it ends."""
+        """Return whether certain bytes mark its end."""
         return self.size is None and (self.end is not None or bool(self.stops))
 
     @property
     def before_end(self) -> FieldType:
-        """The type of what stands before its end."""
+        """Return the type of the value without its end bytes."""
         inside = None if self.inside is None else self.inside.before_end
         return replace(self, end=None, stops=(), inside=inside)
 
@@ -147,7 +152,7 @@ class FieldType:
         return {"float": 8 * size, "hex_float": 4 * size}.get(self.kind, 0)
 
     def writes(self, value: Decimal) -> bool:
-        """Return whether a number with a fraction is one that is written exactly."""
+        """Return whether a number with a fraction can be written exactly."""
         number, places = whole_and_places(value)
         if self.scale is not None:
             common = max(places, self.scale.places)
@@ -164,7 +169,7 @@ class FieldType:
 
     @property
     def contents(self) -> frozenset[int]:
-        """The bytes that such a value may have on the wire."""
+        """Return the bytes that a value may have on the wire."""
         if self.form is not None:
             return self.form.contents | frozenset(self.end or b"")
         if self.inside is not None:
@@ -172,7 +177,7 @@ class FieldType:
         return TYPE_KINDS[self.kind].contents - frozenset(stop[0] for stop in self.stops if len(stop) == 1)
 
     def plain_bytes(self, value: int | str | bytes) -> bytes | None:
-        """Return a value as it stands on the wire; None for types where that is not plain."""
+        """Return a value as its bytes on the wire; None for types without a plain form."""
         size = self.fixed_size or 0
         if isinstance(value, bytes):
             return value if len(value) == size else None
@@ -187,19 +192,22 @@ class FieldType:
 
     @property
     def bounds(self) -> tuple[int, int] | None:
-        """Least and greatest number; None when it holds no whole numbers or its size is computed."""
+        """Return the least and greatest number; None for types without whole numbers or with a computed size."""
         size = self.fixed_size
         return TYPE_KINDS[self.kind].bounds(self, size) if self.is_whole_number and size is not None else None
 
 
 def shown_stops(stops: Iterable[bytes]) -> str:
-    """Bytes of which one ends something, in words."""
+    """Return alternative end bytes, in words."""
     return " or ".join(stop.hex(" ").upper() for stop in dict.fromkeys(stops))
 
 
 @dataclass(frozen=True, slots=True)
 class TypeKind:
-    """A kind of type. `value`: what its values are; `whole`: whole numbers, from `bounds`; `contents`: its bytes."""
+    """A kind of type.
+
+    `value`: kind of its values; `whole`: whole numbers, within `bounds`; `contents`: its possible bytes.
+    """
 
     value: ValueKind
     whole: bool = False
@@ -208,7 +216,7 @@ class TypeKind:
 
 
 def bounds_of_bits(bits: int, signed: bool) -> tuple[int, int]:
-    """Return the least and the greatest whole number of so many bits."""
+    """Return the least and the greatest whole number of `bits` bits."""
     return (-(1 << bits - 1), (1 << bits - 1) - 1) if signed else (0, (1 << bits) - 1)
 
 
@@ -247,7 +255,7 @@ TYPE_KINDS: dict[str, TypeKind] = {
 
 @dataclass(frozen=True, slots=True)
 class TypeKeys:
-    """The word of a type with its companions `size order case pad end`, and those of decimals."""
+    """The word of a type with the keys that complete it: `size order case pad end`, and those of decimals."""
 
     space: Meanings
     keys: Keys
@@ -258,7 +266,7 @@ class TypeKeys:
         return self.space.reader
 
     def size(self, number: bool = True) -> int | Expression:
-        """What `size` says. Raises Broken where it is missing, and for a number that is too long."""
+        """Return the size. Raises Broken if it is missing, and for a number that is too long."""
         reader, node, name = self.reader, self.keys.get("size"), self.scalar.text
         if node is None:
             raise reader.broken(self.scalar.at, f"a field of type '{name}' needs a size", "add size: N")
@@ -273,7 +281,10 @@ class TypeKeys:
         return size
 
     def ends(self) -> tuple[bytes | None, tuple[bytes, ...]]:
-        """The bytes that `end` says, and those of a choice, which are left for what follows. Raises Broken."""
+        """Return the end bytes that belong to the value, and the alternative bytes that belong to the next segment.
+
+        Raises Broken.
+        """
         reader, node = self.reader, self.keys.get("end")
         if not isinstance(node, Sequence):
             return reader.maybe(reader.bytes, node), ()
@@ -291,7 +302,7 @@ class TypeKeys:
         return (self.reader.maybe(self.reader.text, self.keys.get("case")) or "upper") != "lower"
 
     def order(self, size: int | Expression) -> Order:
-        """The byte order that is said here, or that of the file."""
+        """Return the byte order given here, or that of the file. Raises Broken."""
         order = given_order(self.reader, self.keys)
         if order is None:
             return ORDERS[self.space.order(self.scalar.at.file)]
@@ -328,7 +339,7 @@ def _float(size: int) -> LoadType:
 
 
 def _in_hex(given: TypeKeys, kind: str, size: int) -> FieldType:
-    """Return a number whose bytes stand as hex digits."""
+    """Return a number whose bytes are hex digits."""
     return FieldType(kind, 2 * size, signed=True, order=given.order(size), upper=given.upper)
 
 
@@ -437,7 +448,7 @@ def load_size(reader: Reader, node: Node) -> Size:
 
 
 def given_order(reader: Reader, mapping: Keys) -> Order | None:
-    """Return the byte order that keys say, if they do. Raises Broken."""
+    """Return the byte order that keys give, or None. Raises Broken."""
     node = mapping.get("order")
     return None if node is None else reader.one_of(node, ORDERS, "a byte order")
 
@@ -472,8 +483,8 @@ TEXT_KEYS: Mapping[str, Schema] = {
 def type_keys(
     name: str, doc: str, *, size: str = _BYTES_OR_DIGITS, case: bool = True, texts: bool = False
 ) -> FieldType:
-    """Return the attribute of a type: the key with its word, and those that complete it; `texts`: those of decimals
-    too.
+    """Declare the attribute of a type: the key with its word, and those that complete it; `texts`: also those of
+    decimals.
     """
     schemas: dict[str, Schema] = {
         name: {**ref("type_name"), "description": doc},

@@ -1,6 +1,6 @@
-"""YAML being written: mappings, lists and scalars as text that reads back as the same.
+"""Writing YAML: mappings, lists and scalars as text that reads back as the same values.
 
-Every text that could mean anything else stands in double quotes, sign by sign, so that text of another file stays text.
+Every ambiguous text is written in double quotes, character by character, so that text of another file stays text.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def flow(value: Any) -> str:
 def yaml_lines(value: Mapping[Any, Any], indent: int = 0, *, compact: bool = False) -> Iterator[str]:
     """Yield the lines of a mapping.
 
-    `compact`: items of lists stand on one line where they fit and hold only scalars.
+    `compact`: items of lists that fit and hold only scalars are on one line.
     """
     room = " " * indent
     for key, one in value.items():

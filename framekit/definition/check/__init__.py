@@ -1,1 +1,1 @@
-"""The checker: what can be known to be wrong before anything runs, from the model alone (guide: checker)."""
+"""The checker: errors that can be found before anything runs, from the model alone (guide: checker)."""

@@ -1,6 +1,6 @@
-"""Forms of addresses: what each says of a place, in which units it counts, and which names its results read.
+"""Forms of addresses: the place that each names, its units, and the names that its results read.
 
-Also which units the elements of a service row may have, which follows from areas and forms.
+Also the possible units of the elements of a service row, which follow from areas and forms.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _UNIT = re.compile(r"[1-9]\d* bytes?")
 def check_forms(
     forms: tuple[AddressForm, ...], areas: Mapping[str, Area], tables: Mapping[str, Table]
 ) -> Iterator[Problem]:
-    """Everything wrong with the forms of an `addresses` section."""
+    """Report all problems of the forms of an `addresses` section."""
     columns = {name for area in areas.values() for name in area.columns}
     for form in forms:
         parts = tuple(parts_in(form))
@@ -48,7 +48,9 @@ def check_forms(
 
 
 def check_parts(protocol: Protocol) -> Iterator[Problem]:
-    """Numbers and words of forms that nothing reads: addresses that differ in them would mean one place."""
+    """Report numbers and words of forms that no expression reads: addresses that differ in them would name the same
+    place.
+    """
     read = names_read(protocol.service_rows)
     for form in protocol.addresses:
         known = read.union(*(names_in(result.root) for result in form.results.values()))
@@ -108,7 +110,7 @@ def _part(form: AddressForm, part: Part, areas: Mapping[str, Area], columns: set
 
 
 def _base(form: AddressForm, base: str, areas: Mapping[str, Area]) -> Iterator[Problem]:
-    """A number that every area writes in its own way: the column says dec, hex or oct."""
+    """Report wrong uses of a number whose base (dec, hex or oct) is given by a column of the area."""
     having = [area for area in areas.values() if base in area.columns]
     if not having:
         what = f"'{base}' is neither a kind of number nor a column of an area"
@@ -141,7 +143,7 @@ def _unit(
 
 
 def _ranges(form: AddressForm, parts: tuple[Part, ...]) -> Iterator[Problem]:
-    """Ranges are those of numbers in the form."""
+    """Report ranges for names that are no numbers of the form."""
     numbers = [part.name for part in parts if part.what == "number"]
     for name in form.ranges:
         if name not in numbers:
@@ -150,7 +152,9 @@ def _ranges(form: AddressForm, parts: tuple[Part, ...]) -> Iterator[Problem]:
 
 
 def check_texts(protocol: Protocol) -> Iterator[Problem]:
-    """Forms on the wire of which no text can be made: a request carries what users wrote, and no place after it."""
+    """Report forms of the wire whose text cannot be computed: a request can carry a place that a user wrote, but no
+    later place.
+    """
     asking = (row for row in protocol.service_rows if not row.server_only)
     if not any("text" in mentions_of(row) - {one.name for one in row.takes} for row in asking):
         return
@@ -178,7 +182,7 @@ def _type(form: AddressForm) -> Iterator[Problem]:
 
 
 def _counts(form: AddressForm, tables: Mapping[str, Table]) -> Iterator[Problem]:
-    """Elements that begin at any byte, say, are whole numbers of bytes."""
+    """Report units that are not a whole number of the unit in which the form counts."""
     if form.counts is None:
         return
     table = tables.get(form.units_table or "")
@@ -198,7 +202,7 @@ def _counts(form: AddressForm, tables: Mapping[str, Table]) -> Iterator[Problem]
 def _names(
     form: AddressForm, parts: tuple[Part, ...], columns: set[str], tables: Mapping[str, Table]
 ) -> Iterator[Problem]:
-    """Names in the results: parts, other results, tables, and columns as `area.NAME`."""
+    """Report unknown names in the results: known are parts, other results, tables, and columns as `area.NAME`."""
     known = {"area", *(part.name for part in parts), *form.results, *tables}
     for expression in (*form.results.values(), form.area):
         if expression is None or isinstance(expression, str):
@@ -216,12 +220,12 @@ PAIRED = ("BADC", "CDAB")
 
 
 def is_odd(unit: str) -> bool:
-    """Return whether a unit is `3 bytes`, say: no words."""
+    """Return whether a unit has an odd number of bytes, such as `3 bytes`, and so cannot be divided into words."""
     return is_unit(unit) and unit not in UNIT_BITS and int(unit.split()[0]) % 2 == 1 and unit != "1 byte"
 
 
 def units_of(protocol: Protocol, form: AddressForm) -> set[str]:
-    """Return the units that addresses of a form may have; none where their area says it."""
+    """Return the units of addresses in this form; an empty set if the area determines the unit."""
     table = protocol.tables.get(form.units_table or "")
     return {form.unit} if form.unit else set() if table is None else set(map(str, table.entries.values()))
 

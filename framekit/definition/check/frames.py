@@ -52,7 +52,7 @@ from framekit.definition.wire_types import shown_stops
 
 
 def check_frame(protocol: Protocol, frame: Frame, ends: FrameEnds) -> list[Problem]:
-    """Everything wrong with one frame by itself; `ends`: those of the protocol."""
+    """Return all problems of one frame by itself; `ends`: the open ends of the protocol's frames."""
     found = list(_level(protocol, frame.segments))
     found += _order_of_sizes(frame.segments, set())
     for repeat in parts_of(frame.segments, Repeat):
@@ -78,7 +78,7 @@ def check_frame(protocol: Protocol, frame: Frame, ends: FrameEnds) -> list[Probl
 
 
 def _keys(protocol: Protocol, frame: Frame, ends: FrameEnds) -> Iterator[Problem]:
-    """Keys of a frame that need another one, or something elsewhere."""
+    """Report keys of a frame that require another key, or a definition elsewhere."""
     if not frame.segments and not frame.inner:
         yield Problem(frame.at, f"'{frame.name}' has no bytes", "add segments to body, or a group with a head")
     if frame.delimited and frame.size is not None:
@@ -103,7 +103,7 @@ def _keys(protocol: Protocol, frame: Frame, ends: FrameEnds) -> Iterator[Problem
 
 
 def _two_of_wire(protocol: Protocol, frame: Frame, said: Expression) -> Iterator[Problem]:
-    """In what a frame announces `wire` is its bytes; something else of that name could not be told from them."""
+    """Report a second meaning of `wire` in the announcements of a frame, where it is the bytes of the whole frame."""
     if WIRE in names_in(said.root):
         holder = f"'{frame.name}' has a value" if WIRE in field_names(frame.segments) else ""
         for section in ("params", "state", "tables"):
@@ -114,7 +114,7 @@ def _two_of_wire(protocol: Protocol, frame: Frame, said: Expression) -> Iterator
 
 
 def _inner(protocol: Protocol, frame: Frame, ends: FrameEnds) -> Iterator[Problem]:
-    """Frames inside this one: never itself, and small enough for their place."""
+    """Report problems of inner frames: a frame must not contain itself, and must fit into its place."""
     for inner in parts_of(frame.segments, Inner):
         if frame.name in _within(protocol, (inner,)):
             what = f"'{frame.name}' may stand inside itself"
@@ -138,14 +138,14 @@ def _inner(protocol: Protocol, frame: Frame, ends: FrameEnds) -> Iterator[Proble
     for repeat in parts_of(frame.segments, Repeat):
         for inner in parts_of(repeat.of, Inner):
             known = {_always(protocol.frames[name]) for name in inner.frames if name in protocol.frames}
-            inside_itself = frame.name in _within(protocol, (inner,))  # which has been told
+            inside_itself = frame.name in _within(protocol, (inner,))  # reported already
             if inner.size is None and not inside_itself and known and (None in known or len(known) > 1):
                 what = f"nothing shows where '{inner.name}' ends in an item of '{repeat.name}'"
                 yield Problem(inner.at, what, "give it a size, such as that of a length before it")
 
 
 def _always_nested(segments: Segments) -> Iterator[Nested]:
-    """What holds the layout around it once more, whatever the values are."""
+    """Yield the nested layouts that are present for every value, so that the layout would never end."""
     for segment, there in certain(segments):
         if not there or segment.when is not None:
             continue
@@ -162,7 +162,7 @@ def _always(frame: Frame) -> int | None:
 
 
 def _within(protocol: Protocol, segments: Segments) -> dict[str, None]:
-    """Return the names of all frames that may stand in segments, however deep."""
+    """Return the names of all frames that segments may contain, at any depth."""
     found: dict[str, None] = {}
     ahead = [segments]
     while ahead:
@@ -174,7 +174,7 @@ def _within(protocol: Protocol, segments: Segments) -> dict[str, None]:
 
 
 def _spans(frame: Frame) -> Iterator[Problem]:
-    """What a check covers `from..to` is written in the order of the frame, or of the record or item it stands in."""
+    """Report ranges `from..to` of checks that are not in the order of the frame, or of their record or item."""
     for check in parts_of(frame.segments, Check):
         yield from _covered_in_part(frame, check)
     for holder in (None, *parts_of(frame.segments, Segment)):
@@ -200,7 +200,7 @@ def _spans_in(segments: Segments) -> Iterator[Problem]:
 
 
 def _in_wraps(segments: Segments, check: Check) -> Iterator[Problem]:
-    """What a check with `wire` names stands in the same region: what is inside a wrap is not on the wire by itself."""
+    """Report checks with `wire` across the border of a wrap: content of a wrap is not on the wire by itself."""
     named = {*check.names, *check.edges}
     for wrap in (one for one in flat(segments) if one.is_there_inside):
         inside = [one for block in wrap.blocks for one in flat(block)]
@@ -217,7 +217,9 @@ def _in_wraps(segments: Segments, check: Check) -> Iterator[Problem]:
 
 
 def _early_ends(frame: Frame, ends: FrameEnds) -> Iterator[Problem]:
-    """A check that ends a frame stands in it itself, where its place is known, and covers what stands before it."""
+    """Report checks with `ends` that are not a direct part of the frame at a known place, after all bytes that they
+    cover.
+    """
     todo = "leave ends out"
     for check in (one for one in parts_of(frame.segments, Check) if one.ends):
         inside = list(in_place_of_records(frame.segments))
@@ -244,7 +246,7 @@ def _early_ends(frame: Frame, ends: FrameEnds) -> Iterator[Problem]:
 
 
 def _covered_in_part(frame: Frame, check: Check) -> Iterator[Problem]:
-    """A check outside a case, or a part that may be absent, covers the whole of it."""
+    """Report checks that cover only a part of a case or of a conditional part although they are outside of it."""
     named, edges = ({check.sibling_path(name) for name in names} for names in (check.names, check.edges))
     whole = _covered_leaves(frame, check)
     for holder in parts_of(frame.segments, Segment):
@@ -269,7 +271,7 @@ def _records(segments: Segments) -> Iterator[Segments]:
 
 
 def _covered_leaves(frame: Frame, check: Check) -> set[int]:
-    """By identity: what takes bytes in what a check covers by name, and in its ranges."""
+    """Return the identities of the segments with bytes that a check covers, by name and by its ranges."""
     record = next((of for of in _records(frame.segments) if any(one is check for one in flat(of))), ())
     inside = list(flat(record))
     found = {id(leaf) for leaf in leaves(one for one in inside if one.name in check.names)}
@@ -282,7 +284,7 @@ def _covered_leaves(frame: Frame, check: Check) -> set[int]:
 
 
 def _level(protocol: Protocol, segments: Segments) -> Iterator[Problem]:
-    """Problems of segments on one level, and of the levels inside."""
+    """Report problems of segments on one level, and of the levels inside."""
     twice: dict[str, Problem] = {}
     _values(segments, twice)
     yield from twice.values()
@@ -296,7 +298,7 @@ def _level(protocol: Protocol, segments: Segments) -> Iterator[Problem]:
 
 
 def _read_in_itself(protocol: Protocol, record: Segment) -> Iterator[Problem]:
-    """What stands in a record has its names there, not that of the record, which is not complete yet."""
+    """Report expressions in a record that read the record itself: it is not complete yet."""
     if record.name in {name for one in everything(record.members) for name in one.value_names}:
         return
     for expression in expressions_of(record.members):
@@ -322,7 +324,7 @@ def _values(segments: tuple[Segment, ...], problems: dict[str, Problem]) -> dict
 
 
 def _computed(data: Data, level: tuple[Segment, ...]) -> Iterator[Problem]:
-    """A size that is a plain field must be computed: a length does it, `build` or `is` too."""
+    """Report sizes that are plain fields and not computed by a length, `build` or `is`."""
     assert isinstance(data.size, Expression)
     for segment in flat(level):
         if segment is data:
@@ -342,7 +344,9 @@ def _computed(data: Data, level: tuple[Segment, ...]) -> Iterator[Problem]:
 def _order_of_sizes(
     segments: tuple[Segment, ...], before: set[str], outer: frozenset[str] = frozenset()
 ) -> Iterator[Problem]:
-    """Sizes, repetitions, conditions and values may only use what stands before them, here and `outer`."""
+    """Report sizes, repetitions, conditions and values that read a segment after them; `outer`: names of the outer
+    records.
+    """
     known, names = set(before), field_names(segments) | outer
     values = {segment.name for segment in flat(segments) if segment.follows is not None}
     for segment in flat(segments):
@@ -363,7 +367,7 @@ def _order_of_sizes(
 
 
 def _last_too_soon(segments: Segments) -> Iterator[Problem]:
-    """Where no number tells how many items come, `last` is known at the end of an item alone."""
+    """Report uses of `last` before the end of an item in lists without a number of items."""
     for segment in flat(segments):
         late = {id(one) for _, one in segment.computed()}
         if isinstance(segment, Field) and segment.when is not None:
@@ -377,10 +381,10 @@ def _last_too_soon(segments: Segments) -> Iterator[Problem]:
 
 
 class _LeftForOthers:
-    """What ends before one of several bytes (`end: [2C, 2A]`) needs something behind it that begins with one of them.
+    """Checks that a part with several end bytes (`end: [2C, 2A]`) is followed by a part that begins with one of them.
 
-    What is always there need only be able to: its value is given. What comes where something else is absent has to be a
-    constant, because the values that are given do not show that it counts.
+    A part that is always present only needs to be able to begin so: its value is given. A part that comes first because
+    another is absent must be a constant, because given values do not show that it counts.
     """
 
     def __init__(self, protocol: Protocol) -> None:
@@ -390,7 +394,7 @@ class _LeftForOthers:
         yield from self._behind(self.sizes.segments(frame), ((),))
 
     def _behind(self, segments: Segments, after: tuple[Segments, ...]) -> Iterator[Problem]:
-        """`after`: what may come behind these segments."""
+        """Report problems of these segments; `after`: the possible segments after them."""
         for place, segment in enumerate(segments):
             stops = () if segment.number_type is None else segment.number_type.stops
             if not (stops or segment.blocks or segment.inner_record):
@@ -409,8 +413,10 @@ class _LeftForOthers:
     def _first(
         self, segments: Segments, stops: tuple[bytes, ...], surely: bool = False, is_all: bool = True
     ) -> str | None:
-        """What is wrong with the first byte of these segments, which is to be one of `stops`. `surely`: whatever
-        values there are. `is_all`: nothing stands behind them.
+        """Return what is wrong with the first byte of these segments, which must be one of `stops`; None if it is
+        right.
+
+        `surely`: it must be so for all values. `is_all`: no other segments follow.
         """
         absent = ""
         for segment in segments:
@@ -425,7 +431,9 @@ class _LeftForOthers:
         return f"{absent}nothing follows it" if is_all else None
 
     def _begins(self, segment: Segment, stops: tuple[bytes, ...], surely: bool) -> str | None:
-        """What is wrong with the first byte of one segment, if it is there and has one."""
+        """Return what is wrong with the first byte of one segment, if it is present and has bytes; None if it is
+        right.
+        """
         blocks = (segment.members,) if segment.is_record else () if segment.is_there_inside else segment.blocks
         if blocks:
             found = (self._first(block, stops, surely, False) for block in blocks)
@@ -442,7 +450,7 @@ class _LeftForOthers:
 
 
 def _lengths_of_numbers(frame: Frame) -> Iterator[Problem]:
-    """A number does not say how many bytes it takes: a length cannot count them and be their size."""
+    """Report lengths that are counted from a number whose size they define: neither is known first."""
     typed = {one.path: one.number_type for one in parts_of(frame.segments, Segment) if one.number_type is not None}
     for length in parts_of(frame.segments, Length):
         for name in length.of:
@@ -455,7 +463,7 @@ def _lengths_of_numbers(frame: Frame) -> Iterator[Problem]:
 
 
 def _lengths_that_never_fit(protocol: Protocol, frame: Frame) -> Iterator[Problem]:
-    """A length whose number cannot stand for any size that the parts it counts may have."""
+    """Report lengths whose number can represent none of the possible sizes of the counted parts."""
     static = StaticSizes(protocol.frames)
     lengths = [one for one in parts_of(frame.segments, Length) if not one.plain and one.zero_means is None]
     found: dict[str, list[Sizes]] = {}
@@ -478,7 +486,7 @@ def _lengths_that_never_fit(protocol: Protocol, frame: Frame) -> Iterator[Proble
 
 
 class FrameEnds:
-    """Parts of which only what follows, or silence, shows where they end."""
+    """Open parts: parts whose end is shown only by the following bytes, or by silence."""
 
     def __init__(self, protocol: Protocol) -> None:
         self.frames = protocol.frames
@@ -490,12 +498,12 @@ class FrameEnds:
 
     @cached_property
     def carried(self) -> frozenset[str]:
-        """Return the frames that stand inside others."""
+        """Return the names of the frames that are inner frames of others."""
         parts = (part for frame in self.frames.values() for part in parts_of(frame.segments, Segment))
         return frozenset(name for part in parts for name in part.frames_inside)
 
     def check(self, frame: Frame) -> Iterator[Problem]:
-        """Such a part must have an end: a region's, a constant behind it, or the end of the frame."""
+        """Report open parts without an end: the end of a region, a constant after them, or the end of the frame."""
         segments = frame.body if frame.delimited else frame.segments
         yield from self._escapes(segments, ())
         yield from self._region(segments)
@@ -509,7 +517,7 @@ class FrameEnds:
                 yield Problem(inner.at, what, "give it a size, or put a constant behind it")
 
     def _size_of(self, wrap: Wrap) -> Iterator[Problem]:
-        """A size that no content has on the wire; hex digits are two for each byte."""
+        """Report sizes that no content can have on the wire; hex digits are two for each byte."""
         size, found = wrap.size, wrap.coding.sizes(self.sizes.all(wrap.of))
         if not isinstance(size, int):
             return
@@ -521,7 +529,7 @@ class FrameEnds:
             yield Problem(wrap.at, f"{size} hex digits are no whole bytes", "give an even size")
 
     def _escapes(self, segments: Segments, behind: Segments) -> Iterator[Problem]:
-        """Wraps that nothing ends, wherever they stand; one in an item has to end in this item."""
+        """Report wraps without an end, at any depth; a wrap in an item must end within the item."""
         segments = tuple(_in_records(segments))
         for place, segment in enumerate(segments):
             after = (*segments[place + 1 :], *behind)
@@ -535,7 +543,7 @@ class FrameEnds:
                 yield from self._escapes(segment.members, (segment,))
 
     def _region(self, segments: Segments) -> Iterator[Problem]:
-        """The parts of one region."""
+        """Report problems of the parts of one region."""
         open_part: Segment | None = None
         unread: set[str] = set()
         for segment in _in_records(segments):
@@ -557,13 +565,13 @@ class FrameEnds:
                 yield Problem(segment.at, what, "give it a size" if _ends_itself(open_part) else todo)
 
     def _can_be_counted(self, segment: Segment, part: Segment) -> bool:
-        """Whether the bytes of a segment behind a part that reaches on can be counted from the end."""
+        """Return whether the bytes of a segment after an open part can be counted from the end."""
         if isinstance(part, Wrap) or _ends_itself(part):
             return self.sizes.present(segment).fixed is not None
         return not segment.takes_bytes or _fixed(segment)
 
     def reaches_on(self, segment: Segment) -> bool:
-        """Whether only what follows a segment, or silence, shows where it ends."""
+        """Return whether only the following bytes, or silence, show the end of a segment."""
         match segment:
             case Wrap(coding=Hex(), size=None, of=of):
                 return self.is_open(of)
@@ -586,7 +594,7 @@ class FrameEnds:
         return self._open[name]
 
     def is_open(self, segments: Segments) -> bool:
-        """Whether only what follows them, or silence, shows where segments end."""
+        """Return whether only the following bytes, or silence, show the end of these segments."""
         segments = tuple(_in_records(segments))
         for place, segment in enumerate(segments):
             if self.reaches_on(segment):
@@ -596,7 +604,7 @@ class FrameEnds:
         return False
 
     def is_surely_open(self, segments: Segments) -> bool:
-        """Return whether they are open whatever conditions and choices say."""
+        """Return whether the segments are open for all conditions and choices."""
         return self.is_open(segments) and any(
             segment.when is None and (not segment.blocks or segment.is_there_inside) and self.reaches_on(segment)
             for segment in _in_records(segments)
@@ -604,7 +612,7 @@ class FrameEnds:
 
 
 def _ends_itself(part: Segment) -> bool:
-    """Whether a part is a frame whose own segments are asked where it ends."""
+    """Return whether a part is an inner frame whose end follows from its own segments."""
     return isinstance(part, Inner) and part.size is None
 
 
@@ -619,7 +627,7 @@ def _is_end_of(constant: Const, part: Segment) -> bool:
 
 
 def _end_of_escape(wrap: Wrap, behind: Segments) -> Iterator[Problem]:
-    """What ends a wrap is an escape byte that is not doubled."""
+    """Report a wrap with doubled escape byte that no constant with this byte ends."""
     follows = next((one for one in behind if one.takes_bytes), None)
     if follows is not None and not _begins_with(wrap.escape or 0, follows):
         what = f"nothing shows where {wrap.title} ends: no {wrap.escape or 0:02X} need follow it"
@@ -634,13 +642,13 @@ def _begins_with(byte: int, segment: Segment) -> bool:
 
 
 def _in_records(segments: Segments) -> Iterator[Segment]:
-    """Yield the segments with those of records in place of these."""
+    """Yield the segments, with records replaced by their segments."""
     for segment in segments:
         yield from _in_records(segment.members) if segment.is_record else (segment,)
 
 
 def _counted_and_open(protocol: Protocol, frame: Frame, ends: FrameEnds) -> Iterator[Problem]:
-    """Parts that a length counts before they come, and that silence ends all the same: the length is only compared."""
+    """Report parts that an earlier length counts but only silence ends: the length is then only compared."""
     if frame.size is not None or protocol.kind == "application" or not ends.is_open(frame.segments):
         return
     if frame.name in ends.carried:
@@ -660,7 +668,9 @@ def _counted_and_open(protocol: Protocol, frame: Frame, ends: FrameEnds) -> Iter
 
 
 def _there_or_not(frame: Frame) -> Iterator[Problem]:
-    """What may be absent: nothing else may need it, and something has to say whether it is there."""
+    """Report parts that may be absent although another part needs them, and optional parts whose presence is
+    unknown.
+    """
     for repeat in parts_of(frame.segments, Repeat):
         rest = next((one for one in repeat.inner_record or () if one.takes_rest), None)
         if rest is not None:
@@ -688,7 +698,7 @@ def _there_or_not(frame: Frame) -> Iterator[Problem]:
 
 
 def _may_be_nothing(segments: Segments) -> bool:
-    """Whether segments may have values and take no bytes; sizes that values tell do not count."""
+    """Return whether segments may have values but no bytes; sizes that depend on values are not considered."""
     if all_fixed(segments) == 0:
         return any(one.value_names for one in flat(segments))
     return all(
@@ -698,7 +708,7 @@ def _may_be_nothing(segments: Segments) -> bool:
 
 
 def _implies(when: Expression | None, wanted: Expression | None) -> bool:
-    """Whether a condition is another one, or that one and more."""
+    """Return whether condition `when` includes condition `wanted`."""
     if when is None or wanted is None:
         return wanted is None
     joined = isinstance(when.root, Logic) and when.root.operator == "and"
@@ -723,7 +733,9 @@ def _fixed(segment: Segment) -> bool:
 
 
 def _delimited(protocol: Protocol, frame: Frame) -> Iterator[Problem]:
-    """The tail of a delimited frame begins with its end constant, and the body cannot hold its first byte."""
+    """Report a delimited frame whose tail does not begin with an end constant, or whose body may contain its first
+    byte.
+    """
     first = frame.tail[0] if frame.tail else None
     if not isinstance(first, Const) or first.when is not None:
         at = first.at if first is not None else frame.at
@@ -743,7 +755,7 @@ def _delimited(protocol: Protocol, frame: Frame) -> Iterator[Problem]:
 
 
 def _may_hold(segment: Segment, byte: int) -> bool:
-    """Whether a segment itself may hold a byte; text is looked at when it is sent, and what fills a frame up is not."""
+    """Return whether a segment itself may contain a byte. Text is checked when it is sent; fill bytes are allowed."""
     if isinstance(segment, Skip):
         return byte in (segment.fill * segment.size)[: segment.size]
     if isinstance(segment, Repeat) and isinstance(segment.of, FieldType):
@@ -757,7 +769,7 @@ def _may_hold(segment: Segment, byte: int) -> bool:
 
 
 def _items(segments: tuple[Segment, ...]) -> int:
-    """Return the items that the lists of a frame have together, lists in lists too; those of computed length count
+    """Return the number of items of all lists of a frame, nested lists included; a list of computed length counts
     once.
     """
     found = 0
@@ -797,7 +809,7 @@ def _whole_size(frame: Frame, ends: FrameEnds) -> Iterator[Problem]:
 
 
 def check_interrupting(protocol: Protocol, frame: Frame, is_open: bool) -> Iterator[Problem]:
-    """What keeps a receiver from telling the frames in `inside` from the bytes of the frame; there is one at least.
+    """Report reasons why a receiver cannot separate the frames in `inside` from the bytes of the frame.
 
     `is_open`: only silence ends the frame.
     """
@@ -840,7 +852,7 @@ def _is_constant(segment: Segment) -> bool:
 
 
 def _parts(protocol: Protocol, segments: Segments, around: frozenset[str]) -> Iterator[Segment]:
-    """Yield the segments that stand for bytes as they are on the wire, those of frames inside too, wraps as a whole."""
+    """Yield the segments for bytes on the wire, those of inner frames included; a wrap is one segment."""
     for segment in segments:
         inside = segment.blocks if segment.inner_record is None else (segment.inner_record,)
         names = [name for name in segment.frames_inside if name in protocol.frames and name not in around]
@@ -857,7 +869,7 @@ def _parts(protocol: Protocol, segments: Segments, around: frozenset[str]) -> It
 
 
 def _bytes_held(segment: Segment) -> frozenset[int]:
-    """The bytes that a segment itself may hold; of a list with segments of its own, what fills its items up."""
+    """Return the bytes that a segment itself may contain; for a list of records, its fill bytes only."""
     is_list = isinstance(segment, Repeat) and segment.align <= 1 and bool(segment.members)
     return frozenset() if is_list else bytes_of((segment,))
 

@@ -1,4 +1,4 @@
-"""Names in expressions: every bare word must mean something where it stands."""
+"""Names in expressions: every bare word must have a meaning at its place."""
 
 from __future__ import annotations
 
@@ -60,19 +60,19 @@ IN_BLOCKS = frozenset({
     "result", "reply", "buffer", "data", "block", "outcome", "cause", "code", "ok", "refused", "status",
     "record",
 })  # fmt: skip
-"""What the row of a command block knows besides, and all that is done when its exchange has ended."""
+"""Names known in the row of a command block and in its actions after an exchange, in addition to the usual names."""
 OF_EVERY_FRAME = frozenset({"frame", "refusal"})
 
 
 def behind_a_refusal(frame: Frame) -> set[str]:
-    """Fields that a frame may lack when it is to be refused: those from its first segment with a code on."""
+    """Return the fields that may be missing in a refused frame: those from its first segment with a code on."""
     segments = list(flat(frame.segments))
     place = next((place for place, segment in enumerate(segments) if segment.refuse is not None), len(segments))
     return field_names(segments[place:]) - field_names(segments[:place])
 
 
 def asked_for(expression: Expression) -> set[str]:
-    """Fields that an expression asks for first: `'station' in it`."""
+    """Return the fields whose presence an expression tests: `'station' in it`."""
     return {
         node.first.value
         for node in walk(expression.root)
@@ -81,14 +81,14 @@ def asked_for(expression: Expression) -> set[str]:
 
 
 def takes_something(sequence: Sequence) -> bool:
-    """Return whether something can have arrived that `it` may stand for."""
+    """Return whether a frame may have arrived that `it` refers to."""
     if sequence.always or "on_other" in sequence.handlers:
         return True
     return any(step.receive or any(action.take for action in parts_of(step, Action)) for step in sequence.steps)
 
 
 def without_parts(segment: Segment) -> list[Any]:
-    """What a segment says itself, without the segments it holds (they are checked on their own)."""
+    """Return the attributes of a segment without its inner segments, which are checked on their own."""
     parts = [
         getattr(segment, name)
         for name in segment.__dataclass_fields__
@@ -109,7 +109,7 @@ class NameChecker:
         self.problems: list[Problem] = []
 
     def check(self) -> list[Problem]:
-        """Problems of all expressions in the protocol."""
+        """Return the problems of all expressions in the protocol."""
         protocol = self.protocol
         for frame in protocol.frames.values():
             self._segments(frame.segments, EXCHANGE)
@@ -148,7 +148,9 @@ class NameChecker:
             self._names(expression, known)
 
     def _without_a_link(self, holder: Any) -> None:
-        """Frames, layouts and check codes are built and read where no link runs, too."""
+        """Note uses of functions of the engine: frames, layouts and check codes are also built and read without a
+        link.
+        """
         for expression in expressions_of(holder):
             for node in walk(expression.root):
                 if isinstance(node, Call) and node.function in ENGINE_FUNCTIONS:
@@ -167,7 +169,7 @@ class NameChecker:
             self._note(node.at, f"there is no name '{node.name}' here", self._hint(node.name, known))
 
     def _code(self, call: Call) -> None:
-        """The check code that a function works out: one that bytes are enough for."""
+        """Note a problem of the check method that a function computes: it must need bytes only."""
         name = call.arguments[0]
         if not isinstance(name, Text):
             self._note(name.at, "the name of a check code stands here", "write it in quotes")
@@ -185,7 +187,7 @@ class NameChecker:
         return did_you_mean(name, known) or f"write '{name}' in quotes if text is meant"
 
     def _circle(self, given: Mapping[str, Expression | None], kind: str, outside: Collection[str] = ()) -> None:
-        """Values that rest on each other, or on themselves, where nothing `outside` has that name."""
+        """Note values that depend on themselves, directly or by others, unless `outside` has a value of the name."""
         rests = {name: names_in(one.root) & given.keys() for name, one in given.items() if one is not None}
         for name in outside:
             rests.get(name, set()).discard(name)
@@ -207,7 +209,7 @@ class NameChecker:
                 self._segments(segment.inner_record, known, around)
 
     def _from_each_other(self, segments: tuple[Segment, ...]) -> None:
-        """Values that follow from each other are not known before one of them is given, which is perhaps not meant."""
+        """Note values that are computed from each other and therefore unknown until one of them is given."""
         given: dict[str, Expression] = {}
         for segment in flat(segments):
             for name, expression in segment.computed():
@@ -228,7 +230,7 @@ class NameChecker:
                 self.problems.append(Problem(given[name].at, what, todo, warning=True))
 
     def _from_itself(self, segment: Segment, outer: Collection[str], records: tuple[str, ...]) -> None:
-        """In what computes a value, its own name means something outside, if there is such a thing."""
+        """Note values computed from themselves, unless their name has a meaning outside of the segment."""
         for name, expression in segment.computed():
             own = {(*records[place:], name) for place in range(len(records))}
             by_record = any(_path_of(node) in own for node in walk(expression.root) if isinstance(node, Attribute))
@@ -237,7 +239,9 @@ class NameChecker:
                 self._note(expression.at, f"'{name}' cannot be computed from itself", "name another value")
 
     def _echo(self, frame: Frame) -> None:
-        """What a reply repeats: a field of its own, and something that some frame of the other side has."""
+        """Note echoes that name no field of the frame, or expressions over fields that no frame of the other side
+        has.
+        """
         if not frame.echo:
             return
         fields = field_names(frame.segments)
@@ -276,7 +280,7 @@ class NameChecker:
             self._row(row)
 
     def _sent(self, value: Value | None, known: Collection[str]) -> None:
-        """A bare word in `send` is a frame or a variable."""
+        """Note a bare word in `send` that is neither a frame nor a variable."""
         root = value.root if isinstance(value, Expression) else None
         if isinstance(root, Name) and root.name not in {*self.globally, *known, *self.broken, *ONLY_THERE}:
             hint = did_you_mean(root.name, [*self.protocol.frames, *set(known) - EXCHANGE])
@@ -285,7 +289,7 @@ class NameChecker:
             self._expressions(value, known)
 
     def _targets(self, actions: Iterable[Action | Step], local: Collection[str]) -> None:
-        """What `set` writes must be a variable; parameters and the clock may be set too."""
+        """Note targets of `set` that are not settable: variables, parameters and the clock are."""
         for action in actions:
             at = action.places.get("set", action.at)
             for target, _ in action.set:
@@ -298,7 +302,7 @@ class NameChecker:
             self._note(at, f"there is no variable '{target.name}' to set", hint)
 
     def _row(self, row: Row) -> None:
-        """`it.field` must be a field of a frame that the row takes."""
+        """Note uses of `it.field` for fields that no frame of the row has."""
         frames = [self.protocol.frames[name] for name in row.frames if name in self.protocol.frames]
         if not frames or row.expected or len(frames) < len(row.frames):
             return
@@ -383,7 +387,7 @@ class NameChecker:
                     self.problems.append(Problem(value.at, what, todo, warning=row.service in ("read", "write")))
 
     def _there(self, row: ServiceRow, serve: ServeWork) -> None:
-        """A variable holds something: a field that may be absent is none of its values."""
+        """Note variables set to a field that may be absent: a variable always has a value."""
         frame = self.protocol.frames.get(row.request.frame) if row.request is not None else None
         if frame is None or row.when is not None or frame.name in self.broken:
             return
@@ -408,7 +412,7 @@ class NameChecker:
             self._stored([item for after in rules.then for item in after.set])
 
     def _fields_of_frames(self, row: ServiceRow) -> None:
-        """`request.field` and `reply.field` are fields of the row's request and of one of its replies."""
+        """Note fields `request.…` and `reply.…` that the row's request, or all its replies, lack."""
         request = {row.request.frame} if row.request is not None else set()
         replies = {reply.frame.frame for reply in row.reply if reply.frame is not None}
         known = {"request": self._fields(request), "reply": self._fields(replies)}
@@ -444,7 +448,7 @@ class NameChecker:
 
 
 def _reached(name: str, reads: Mapping[str, set[str]]) -> set[str]:
-    """All that a value rests on, itself only where that is a circle."""
+    """Return all names that a value depends on; itself only if the dependence is circular."""
     seen, new = set[str](), reads[name]
     while new:
         seen |= new
@@ -453,7 +457,7 @@ def _reached(name: str, reads: Mapping[str, set[str]]) -> set[str]:
 
 
 def _path_of(node: Node) -> tuple[str, ...]:
-    """The names of `record.part.field`; empty for what begins otherwise."""
+    """Return the names of `record.part.field`; an empty tuple for other expressions."""
     if isinstance(node, Attribute):
         outer = _path_of(node.value)
         return (*outer, node.name) if outer else ()

@@ -18,13 +18,13 @@ from framekit.definition.times import MOST_SPEED, parse_format
 
 WAITING = ("again", "restart", "resend")
 ARRIVALS = ("on_bad", "on_other", "on_noise", "on_timeout")
-"""Handlers of what only a step that receives can hear of."""
+"""Handlers of events that only a receiving step can have."""
 
 LIMITS = ("within", "complete", "gap")
 
 
 def check_actions(protocol: Protocol, sequence: Sequence, broken: Collection[str]) -> list[Problem]:
-    """What is wrong with the actions of a sequence, each by itself."""
+    """Return the problems of the actions of a sequence, each checked by itself."""
     checker = _ActionChecker(protocol, broken)
     for step in sequence.steps:
         checker.step(step)
@@ -104,7 +104,7 @@ class _ActionChecker:
                 self._note(at, what, "add retries: N, or at_most: N to a row")
 
     def _dead(self, actions: tuple[Action, ...]) -> None:
-        """Behind an action without a condition, the others of a list are never taken."""
+        """Note actions after an action without a condition: they are never taken."""
         for place, action in enumerate(actions[:-1]):
             if action.when is None:
                 self._note(actions[place + 1].at, "this action is never taken: the one above has no condition", "")
@@ -142,7 +142,7 @@ class _ActionChecker:
                 return
 
     def _words(self, action: Action, step: Step) -> None:
-        """`again`, `restart` and `resend` need something that is waited for, and something that was sent."""
+        """Note `again`, `restart` and `resend` in steps that do not receive, or have not sent anything."""
         at = action.places.get("then", action.at)
         if action.then in WAITING and step.receive is None:
             what = f"'{action.then}' has no meaning: step '{step.name}' waits for nothing"
@@ -161,7 +161,7 @@ class _ActionChecker:
             self._note(at, what, "send a frame that carries it")
 
     def _is_frame(self, value: Value | None) -> None:
-        """What is sent or delivered is a frame: its kind, where an expression gives it, is looked at elsewhere."""
+        """Note a sent or delivered value that is no frame; the kind of expressions is checked elsewhere."""
         if value is None or isinstance(value, (Expression, FrameOf)):
             return
         name = next(iter(value.fields), "") if isinstance(value, RecordOf) and len(value.fields) == 1 else ""
@@ -213,7 +213,7 @@ def _is_negative(expression: Expression) -> bool:
 
 
 def actions_of(*holders: object) -> Iterator[Action]:
-    """Every action of a step or of parts of it: rows, branches, handlers, and what they do otherwise."""
+    """Yield every action of a step or of its parts: rows, branches, handlers, and their `else`."""
     return parts_of(holders, Action)
 
 
@@ -224,11 +224,11 @@ def shared_actions(sequence: Sequence) -> Iterator[Action]:
 
 LANE_KEYS = frozenset({"exchange", "listen", "at_once", "doc"})
 OF_EXCHANGES = frozenset({"request", "buffer", "expected", "station"})
-"""What an exchange can hand to its sequence."""
+"""Arguments that an exchange can pass to its sequence."""
 
 
 def check_roles(protocol: Protocol, broken: Collection[str]) -> Iterator[Problem]:
-    """Everything wrong with the roles and sessions of a protocol."""
+    """Report all problems of the roles and sessions of a protocol."""
     for role in protocol.roles.values():
         if role.session is not None and role.session not in protocol.sessions and role.session not in broken:
             hint = did_you_mean(role.session, protocol.sessions)
@@ -244,7 +244,7 @@ def check_roles(protocol: Protocol, broken: Collection[str]) -> Iterator[Problem
 
 
 def _never_run(protocol: Protocol) -> Iterator[Problem]:
-    """Sequences that nothing leads to. Without roles a definition is there for others to extend."""
+    """Report sequences that are never run. A definition without roles exists to be extended, and is not checked."""
     run = {name for lane in protocol.lanes for name in (*lane.exchange, lane.listen)}
     for session in protocol.sessions.values():
         run |= {*session.open, *session.close, session.keep_alive_run}
@@ -254,7 +254,7 @@ def _never_run(protocol: Protocol) -> Iterator[Problem]:
         run |= {step.call.sequence for step in sequence.steps if step.call is not None}
     misspelt = any(not lane.places.keys() <= LANE_KEYS for lane in protocol.lanes)
     if not protocol.lanes or misspelt or not run <= {None, *protocol.sequences}:
-        return  # what is misspelt there may be what runs it
+        return  # a misspelt key there may be the one that runs it
     for name, sequence in protocol.sequences.items():
         if name not in run:
             what = f"nothing runs the sequence '{name}'"
@@ -325,7 +325,7 @@ WORDS = ("next", "end", *WAITING)
 
 
 def check_procedure(protocol: Protocol, broken: Collection[str] = ()) -> list[Problem]:
-    """Everything wrong with the sequences, roles and sessions of a protocol."""
+    """Return all problems of the sequences, roles and sessions of a protocol."""
     found: list[Problem] = []
     run = {sequence.name for sequence in protocol.called_from(protocol.exchanged)}
     for sequence in protocol.sequences.values():
@@ -419,7 +419,7 @@ class _SequenceChecker:
         self._into(step, step.ask_into, ask.frame, given)
 
     def _into(self, step: Step, into: Mapping[str, str], giver: str, given: Collection[str]) -> None:
-        """Results of a call, or of a service, that go into variables."""
+        """Note unknown results of a call or a service, and unknown variables that they are stored in."""
         at = step.places.get("into", step.at)
         for variable, name in into.items():
             if name not in given:
@@ -427,20 +427,20 @@ class _SequenceChecker:
             self._variable(variable, at)
 
     def _takes_frame(self, name: str, at: Position) -> None:
-        """A variable for what `decode` gives."""
+        """Note a variable for the result of `decode` that is not of type frame."""
         variable = self.protocol.state.get(name)
         type_ = self.sequence.local.get(name) or ("frame" if variable is None else variable.type)
         if name not in self.sequence.takes and type_ != "frame":
             self._note(at, f"decode gives a frame, and '{name}' is of type {type_}", "give a variable of type frame")
 
     def _variable(self, name: str, at: Position) -> None:
-        """A variable that is to be set."""
+        """Note a variable to be set that does not exist."""
         known = [*self.sequence.local, *self.sequence.takes, *self.protocol.state]
         if name not in known and name not in self.broken:
             self._note(at, f"there is no variable '{name}' to set", did_you_mean(name, known))
 
     def _rows(self, step: Step) -> None:
-        """Behind a row that takes its frames without a condition, rows for the same frames are dead."""
+        """Note rows that are never reached because an earlier row takes the same frames without a condition."""
         taken: set[str] = set()
         for row in step.receive or ():
             if row.expected and not self.is_exchange and self.protocol.roles:
@@ -455,7 +455,7 @@ class _SequenceChecker:
                 taken |= set(row.frames)
 
     def _limits(self, step: Step) -> None:
-        """A receive in an exchange must end some time; what is sent again must have a bound."""
+        """Note a receive of an exchange without a time limit, and repetitions without a bound."""
         if step.receive and step.within is None and self.is_exchange:
             rows = [row for row in step.receive if row.queue is None]
             if rows:
@@ -516,7 +516,7 @@ class _SequenceChecker:
                 self._note(step.at, f"step '{step.name}' is never reached", "lead to it with then:, or drop it")
 
     def _circles(self) -> None:
-        """A circle of steps none of which waits or changes anything would run for ever within one moment."""
+        """Note circles of steps that neither wait nor change anything: they would run for ever within one moment."""
         by_name = {step.name: step for step in self.sequence.steps}
         quick = {name for name, step in by_name.items() if not waits(step) and not gets_on(step)}
         state: dict[str, int] = {}
@@ -545,12 +545,12 @@ def waits(step: Step, *, sending: bool = True) -> bool:
 
 
 def gets_on(step: Step) -> bool:
-    """Whether a step changes what its conditions may depend on."""
+    """Return whether a step changes values that its conditions may depend on."""
     return bool(step.set) or any(action.set or action.take for action in actions_of(step))
 
 
 def _calls_in_circles(protocol: Protocol) -> Iterator[Problem]:
-    """One problem for every circle of calls, at the first of its sequences."""
+    """Report every circle of calls, once, at the first of its sequences."""
     calls = {
         name: [step.call.sequence for step in sequence.steps if step.call is not None]
         for name, sequence in protocol.sequences.items()
@@ -566,8 +566,8 @@ def _calls_in_circles(protocol: Protocol) -> Iterator[Problem]:
 
 
 def _circle(calls: dict[str, list[str]], name: str, before: list[str]) -> list[str]:
-    """Return the sequences of a circle that begins with the first of `before`, or with `name`; none if there is no
-    such.
+    """Return the sequences of a circle that begins with the first of `before`, or with `name`; an empty list if none
+    exists.
     """
     chain = [*before, name]
     for called in calls.get(name, ()):

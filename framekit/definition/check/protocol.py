@@ -289,7 +289,7 @@ def _station(protocol: Protocol) -> Iterator[Problem]:
 
 
 def _marks(protocol: Protocol) -> Iterator[Problem]:
-    """Report a missing or useless `mark`: with nine-bit characters a frame must say which byte is marked."""
+    """Report a missing or useless `mark`: with nine-bit characters a frame must give the index of the marked byte."""
     line = protocol.line
     formats = [text.strip() for text in (line.format, *line.formats)]
     marked = [frame for frame in protocol.frames.values() if frame.mark is not None]

@@ -1,4 +1,4 @@
-"""Requests as a server reads them: what each row of a service means, and which row it comes to.
+"""Requests as a server reads them: the meaning of each service row, and the row that a request selects.
 
 A request is read backwards, by the same rows that clients build it by.
 """
@@ -53,12 +53,12 @@ from framekit.definition.problems import Problem
 
 
 def check_request_matching(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
-    """What keeps a server from understanding the requests of this row."""
+    """Report reasons why a server cannot understand the requests of this row."""
     yield from _items(row)
     yield from _sent(row)
     yield from _lists_of_some(protocol, row)
     if row.service not in ("read", "write") or (row.serve is not None and row.serve.moves_data):
-        return  # their work says itself where it takes its places from
+        return  # their `serve` gives the source of its places
     if row.client_only or row.request is None or not serves(protocol):
         return
     if row.service == "write":
@@ -80,7 +80,7 @@ def check_request_matching(protocol: Protocol, row: ServiceRow) -> Iterator[Prob
         yield Problem(leaf.at, what, f"add {back} with what it means, or client_only: yes")
         return
     if not read <= _known_names(protocol, row):
-        return  # what is misspelt is told elsewhere
+        return  # misspelt names are reported elsewhere
     if row.service == "write" and not read & SENT and mentions_of(row) & SENT:
         what = "a server cannot tell what this write brings"
         todo = "each: {value: …}" if _list_names(row) else "value: …"
@@ -91,11 +91,11 @@ def check_request_matching(protocol: Protocol, row: ServiceRow) -> Iterator[Prob
 
 
 SENT = frozenset({"data", "bits", *AS_NUMBERS})
-"""Names of what a write brings."""
+"""Names of the values that a write carries."""
 
 
 def _sent(row: ServiceRow) -> Iterator[Problem]:
-    """`back` says once what a write brings; a row of another service brings nothing to the memory by itself."""
+    """Report `back` that gives the written values twice, or gives values in a row of a service that writes none."""
     back = {**row.back, **row.back_each}
     given = sorted(SENT & back.keys())
     for name in given if row.service != "write" else ():
@@ -106,7 +106,7 @@ def _sent(row: ServiceRow) -> Iterator[Problem]:
 
 
 def _items(row: ServiceRow) -> Iterator[Problem]:
-    """What is said of items is said of each: not of the list as a whole, and not where there is no list."""
+    """Report keys of items that `back` gives for a whole list, and `each` without a list."""
     lists = _list_names(row)
     if row.back_each and not lists:
         first = next(iter(row.back_each.values()))
@@ -120,17 +120,17 @@ def _items(row: ServiceRow) -> Iterator[Problem]:
 
 
 OF_SOME = ("unit", "count", "bytes")
-"""What `when` of a list may tell a server of the variables in it."""
+"""Variables of a list whose value its `when` may give to a server."""
 
 
 def _told_of_lists(row: ServiceRow) -> set[str]:
-    """What follows for the variables of a request from the lists they stand in."""
+    """Return the variables of a request whose values follow from the conditions of its lists."""
     lists = parts_of([row.request, row.buffer], EachOf)
     return {name for each in lists for name in told_by(each.when) or ()} & {*OF_SOME}
 
 
 def _lists_of_some(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
-    """Lists that are for some of the variables each: no variable is in two, and a server can tell what is in them."""
+    """Report lists for some of the variables that may overlap, or whose items a server cannot identify."""
     asked = list(parts_of([row.request, row.buffer], EachOf))
     is_split = any(each.when is not None for each in asked)
     for lists in (asked, *(list(parts_of([reply.frame, reply.buffer], EachOf)) for reply in row.reply)):
@@ -148,7 +148,7 @@ def _lists_of_some(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
 
 
 def _both_hold(conditions: list[Expression]) -> Iterator[Problem]:
-    """Conditions of lists that may hold of one variable, which would then be in two of them."""
+    """Report conditions of lists that may both hold for a variable, which would then be in two lists."""
     for place, later in enumerate(conditions):
         for earlier in conditions[:place]:
             one, other = told_by(earlier), told_by(later)
@@ -160,7 +160,7 @@ def _both_hold(conditions: list[Expression]) -> Iterator[Problem]:
 
 
 def _reads_of(node: Node, lists: Mapping[str, EachOf]) -> Iterator[Attribute]:
-    """Where an expression looks into one of these lists of the request, and does not only count its items."""
+    """Yield the places where an expression reads a list of the request, other than for its number of items."""
     if isinstance(node, Attribute) and node.name in lists and "request" in names_in(node):
         yield node
     elif not (isinstance(node, Call) and node.function == "len"):
@@ -188,7 +188,7 @@ def item_names(protocol: Protocol, row: ServiceRow) -> set[str]:
 
 
 def _known_names(protocol: Protocol, row: ServiceRow) -> set[str]:
-    """Names that the leaves of a request may have."""
+    """Return the names that the leaves of a request may have."""
     known = {*OFFERED, *NOT_COMPARED, "memory", *row.back, *row.back_each, *(argument.name for argument in row.takes)}
     known |= protocol.params.keys() | protocol.state.keys() | protocol.tables.keys()
     for form in protocol.addresses:
@@ -197,7 +197,7 @@ def _known_names(protocol: Protocol, row: ServiceRow) -> set[str]:
 
 
 def _missing_names(protocol: Protocol, row: ServiceRow, read: set[str]) -> Iterator[str]:
-    """What of area and start no part of the request says."""
+    """Yield `area` and `start` if no part of the request gives them."""
     if "text" in read:
         return
     if not read & {"area", "memory", "code"} and len(row.areas) != 1:
@@ -211,7 +211,9 @@ _FILLED_UP = ("packed", "aligned", "nibble_each")
 
 
 def _uncounted(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
-    """Data with more after them than what is written, and no count: a server would write that into the next places."""
+    """Report writes without a count whose data may be longer than the written elements: a server would write the rest,
+    too.
+    """
     sent = [part for part in (row.request, row.buffer) if part is not None]
     found = (inverse_steps(leaf) for leaf in _compared(sent))
     read = {*row.back, *row.back_each, *_told_of_lists(row), *(one[0] for one in found if one is not None)}
@@ -257,7 +259,7 @@ def serves(protocol: Protocol) -> bool:
 
 
 def check_stations(protocol: Protocol) -> Iterator[Problem]:
-    """Requests with a station that no device compares with its own: each device answers for all of them."""
+    """Report requests with a station that no device compares with its own: every device would answer them."""
     for name in dict.fromkeys(name for role in protocol.roles.values() for name in role.listens):
         sequences = protocol.called_from([name])
         if protocol.station.type == "none" or not any(step.serve for one in sequences for step in one.steps):
@@ -291,7 +293,7 @@ def check_stations(protocol: Protocol) -> Iterator[Problem]:
 
 
 def check_settings(protocol: Protocol) -> Iterator[Problem]:
-    """Requests with a parameter of the device that it does not compare: it answers what is meant for another one."""
+    """Report requests with a parameter that the device does not compare: it would answer requests for other devices."""
     compared = {name for name, one in protocol.params.items() if one.is_compared}
     listening = [name for role in protocol.roles.values() for name in role.listens]
     sequences = protocol.called_from(listening)
@@ -323,7 +325,7 @@ def check_settings(protocol: Protocol) -> Iterator[Problem]:
 
 
 def check_of_client(protocol: Protocol) -> Iterator[Problem]:
-    """`from: client` keeps a device from comparing a parameter of a request: one that it would compare."""
+    """Report `from: client` for a parameter that no device would compare anyway."""
     served = [row for row in protocol.service_rows if not row.client_only] if serves(protocol) else []
     sent: list[Any] = [part for row in served for part in (row.request, row.buffer)]
     frames = (protocol.frames.get(made.frame) for made in parts_of(sent, FrameOf))
@@ -331,7 +333,7 @@ def check_of_client(protocol: Protocol) -> Iterator[Problem]:
     told = names_read(sent)
     for one in protocol.params.values():
         if not one.of_client or one.at.file != protocol.at.file:
-            continue  # of an application: some of its carriers tell it
+            continue  # of an application: some of its carriers use it
         if not replace(one, of_client=False).is_compared:
             kind = "a secret" if one.secret else "one with is:" if one.is_ is not None else f"a {one.type}"
             what = f"from: client has no effect: '{one.name}' is {kind}, which no device compares"
@@ -343,7 +345,7 @@ def check_of_client(protocol: Protocol) -> Iterator[Problem]:
 
 
 def _leaves_of(made: FrameOf | LayoutOf | RecordOf) -> Iterator[tuple[str, Expression]]:
-    """Fields and the expressions that fill them, those of records and layouts inside too."""
+    """Yield the fields and the expressions that fill them, those of inner records and layouts included."""
     for name, value in made.fields.items():
         if isinstance(value, Expression):
             yield name, value
@@ -372,7 +374,7 @@ TODO = "tell them apart by a constant in the request or by when:, or add client_
 
 
 def check_unserved(protocol: Protocol) -> Iterator[Problem]:
-    """Rows whose requests a server reads by a row above them."""
+    """Report rows whose requests a server reads by an earlier row."""
     if not serves(protocol):
         return
     above: dict[str, list[ServiceRow]] = {}
@@ -415,7 +417,7 @@ def _when(row: ServiceRow) -> Expression | None:
 
 
 def _back_fits(earlier: ServiceRow, later: ServiceRow) -> bool:
-    """Return whether `back` of the earlier row can be worked out whenever that of the later one can."""
+    """Return whether `back` of the earlier row can be computed whenever that of the later row can."""
     read = [(later.back.get(name), value) for name, value in earlier.back.items() if name != "when"]
     read += [(later.back_each.get(name), value) for name, value in earlier.back_each.items()]
     return all(
@@ -435,7 +437,7 @@ def _areas_fit(earlier: ServiceRow, later: ServiceRow) -> bool:
 
 
 def _area_source(row: ServiceRow) -> str:
-    """What a server takes the area from: `text`, `code`, `area` of back, or '' for the row itself."""
+    """Return the source of the area for a server: `text`, `code`, `area` of back, or '' for the row itself."""
     back = {*row.back, *row.back_each}
     if "text" in back:
         return "text"
@@ -449,7 +451,7 @@ def _area_source(row: ServiceRow) -> str:
 
 
 def _told(row: ServiceRow) -> str:
-    """What a server takes from a row whose request has been read."""
+    """Return a fingerprint of all that a server derives from a row once its request is read."""
     places = () if _area_source(row) else (row.areas, row.units)
     transfer = row.service if row.service in ("read", "write") else ""
     back = {name: value for name, value in row.back.items() if name != "when"}
@@ -458,14 +460,16 @@ def _told(row: ServiceRow) -> str:
 
 @dataclass
 class _Alike:
-    """Compares what two rows send; `names` are those the first one reads, `same`: neither reads another one there."""
+    """Comparison of the requests of two rows."""
 
     protocol: Protocol
     names: list[str] = field(default_factory=list)
+    """Names that the first row reads."""
     same: bool = True
+    """Whether both rows read the same names at the same places."""
 
     def covers(self, one: Value, other: Value | None) -> bool:
-        """Whether everything that the other value can be fits the first one."""
+        """Return whether the first value accepts everything that the other value may be."""
         match one, other:
             case Expression(), _:
                 return self._compare(one, other if isinstance(other, Expression) else None)

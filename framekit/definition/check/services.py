@@ -43,7 +43,7 @@ from framekit.definition.problems import Position, Problem, did_you_mean, listed
 
 
 def check_services(protocol: Protocol, broken: Collection[str] = ()) -> list[Problem]:
-    """Everything wrong with services, areas and errors; and with constructors anywhere."""
+    """Return all problems of services, areas and errors, and of constructors anywhere."""
     found = list(_constructors(protocol, broken))
     for rows in protocol.services.values():
         for row in rows:
@@ -60,12 +60,12 @@ def check_services(protocol: Protocol, broken: Collection[str] = ()) -> list[Pro
 
 
 def _constructors(protocol: Protocol, broken: Collection[str]) -> Iterator[Problem]:
-    """`{frame: {field: …}}` may only name fields of that frame."""
+    """Report constructors `{frame: {field: …}}` with fields that the frame lacks, and missing or impossible fields."""
     holders = [protocol.sequences, protocol.services, protocol.errors]
     asked = {id(step.ask) for step in parts_of(dict(protocol.sequences), Step) if step.ask is not None}
     never_built = _never_built(protocol)
     for made in parts_of(holders, FrameOf):
-        frame = None if id(made) in asked else protocol.frames.get(made.frame)  # what is asked are services
+        frame = None if id(made) in asked else protocol.frames.get(made.frame)  # `ask` names a service
         if frame is not None and made.frame not in broken:
             yield from _fields(made, "frame", made.frame, field_names(frame.segments))
             yield from () if id(made) in never_built else _missing(made, frame)
@@ -79,16 +79,18 @@ def _constructors(protocol: Protocol, broken: Collection[str]) -> Iterator[Probl
 
 
 def _never_built(protocol: Protocol) -> set[int]:
-    """What is only compared with what comes: requests that no client sends, replies that no server gives."""
+    """Return the identities of constructors that are only compared: requests that no client sends, replies that no
+    server sends.
+    """
     rows, asks = protocol.service_rows, protocol.commands is None
     found = {id(row.request) for row in rows if row.server_only or not asks}
     return found | {id(reply.frame) for row in rows if row.client_only or not serves(protocol) for reply in row.reply}
 
 
 def _missing(made: FrameOf, frame: Frame) -> Iterator[Problem]:
-    """A frame is built from what is given, what its definition says itself, and what it repeats of a request."""
+    """Report fields of a frame that are neither given, nor computed by its definition, nor repeated from a request."""
     if made.fields.keys() - field_names(frame.segments):
-        return  # one of them is misspelt, which has been told
+        return  # a misspelt field, reported already
     missing = [name for name in names_needed(frame.segments) if name not in made.fields and name not in frame.echo]
     if missing:
         what = f"nothing gives {listed(repr(name) for name in missing)} of '{made.frame}'"
@@ -98,7 +100,7 @@ def _missing(made: FrameOf, frame: Frame) -> Iterator[Problem]:
 
 
 def _never_fit(protocol: Protocol, made: FrameOf, frame: Frame) -> Iterator[Problem]:
-    """Numbers that stand in a constructor, or that errors answer with, and their fields cannot hold."""
+    """Report numbers in constructors, and codes of errors, that their fields cannot hold."""
     errors = protocol.errors
     answers = [] if errors is None else [row.frame for row in errors.answer]
     codes = errors.memory if errors is not None and len(answers) == 1 and made is answers[0] else {}
@@ -128,7 +130,7 @@ def _fits(number: int | None, at: Position, name: str, frame: Frame) -> Iterator
 
 
 def _spans(name: str, frame: Frame) -> list[tuple[int, int]]:
-    """What numbers the fields of this name hold; nothing where that is open for one of them."""
+    """Return the least and greatest numbers of the fields of this name; an empty list if a field has none."""
     found = [
         one.span for one in parts_of(frame.segments, Segment) if name in one.value_names and isinstance(one, Field)
     ]
@@ -170,7 +172,7 @@ def _row(protocol: Protocol, row: ServiceRow, broken: Collection[str]) -> Iterat
 
 
 def _units(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
-    """A client asks in the units that addresses have: those of their forms, else those of their areas."""
+    """Report rows with units that no address has: a client uses the units of forms, or else of areas."""
     if row.server_only or not protocol.addresses or any(form.units_table for form in protocol.addresses):
         return
     known = {form.unit for form in protocol.addresses if form.unit is not None}
@@ -183,7 +185,7 @@ def _units(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
 
 
 def _points(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
-    """The form of bits says something only where elements are bits; an order of words only where they are words."""
+    """Report a form of bits for elements that are no bits, and an order of words for elements that are no words."""
     odd = sorted(filter(is_odd, units_in(protocol, row))) if row.packing.order in PAIRED else []
     for unit in odd if row.service in ("read", "write") else ():
         what = f"order: {row.packing.order} goes by words, and {unit} are no whole number of them"
@@ -197,7 +199,7 @@ def _points(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
 
 
 def _data(row: ServiceRow) -> Iterator[Problem]:
-    """What is read comes in the reply, what is written goes with the request."""
+    """Report a read whose reply carries no data, and a write whose request carries none."""
     if row.run is not None or row.request is None:
         return
     holder = [row.reply, row.gives] if row.service == "read" else [row.request, row.buffer]
@@ -211,7 +213,7 @@ def _data(row: ServiceRow) -> Iterator[Problem]:
 
 
 def _lists(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
-    """`data` is bytes, `values` are numbers, and each: makes records: a list takes one of them."""
+    """Report lists whose values have the wrong form: `data` is bytes, `values` are numbers, and each: makes records."""
     sent = [row.request, row.buffer, *((reply.frame, reply.buffer) for reply in row.reply)]
     made: list[tuple[FrameOf | LayoutOf, str, Frame | Layout | None]] = []
     made += [(one, one.frame, protocol.frames.get(one.frame)) for one in parts_of(sent, FrameOf)]
@@ -224,7 +226,7 @@ def _lists(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
 
 
 def _list_given(row: ServiceRow, part: Repeat, called: str, value: Value) -> Iterator[Problem]:
-    """What is wrong with what a list is given."""
+    """Report a wrong form of the value for a list."""
     root = value.root if isinstance(value, Expression) else None
     name = root.name if isinstance(root, Name) else ""
     if name == "data":
@@ -241,7 +243,7 @@ def _list_given(row: ServiceRow, part: Repeat, called: str, value: Value) -> Ite
 
 
 def _sides(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
-    """Requests are frames of the client, replies of the server."""
+    """Report requests that are frames of the server, and replies that are frames of the client."""
     made = [(row.request, "server", "request")] + [(reply.frame, "client", "reply") for reply in row.reply]
     for frame_of, wrong, what in made:
         frame = protocol.frames.get(frame_of.frame) if frame_of is not None else None
@@ -250,7 +252,9 @@ def _sides(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
 
 
 def _amounts(row: ServiceRow) -> Iterator[Problem]:
-    """Limits that let something through."""
+    """Report limits and alignments that allow nothing or have no effect, and defaults of arguments outside of their
+    range.
+    """
     for expression in (row.limit.count, row.limit.bytes):
         number = constant_number(expression)
         if number is not None and number < 1 and expression is not None:
@@ -271,7 +275,7 @@ def _amounts(row: ServiceRow) -> Iterator[Problem]:
 
 
 def _asks_for_one(row: ServiceRow) -> bool:
-    """Whether a request of a client's row names nothing that says how many elements it is about."""
+    """Return whether a request of a client's row carries no number of elements, so that it is for one element."""
     if row.service not in ("read", "write") or row.server_only or row.request is None:
         return False
     if any(True for _ in parts_of([row.request, row.buffer], EachOf)):
@@ -280,7 +284,7 @@ def _asks_for_one(row: ServiceRow) -> bool:
 
 
 def _limits_too_high(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
-    """A limit that lets through more than the field of the request holds that says how many."""
+    """Report limits above the greatest number that the count field of the request can hold."""
     limits = {"count": row.limit.count, "bytes": row.limit.bytes}
     for made in () if row.server_only else parts_of(row.request, FrameOf):
         frame = protocol.frames.get(made.frame)
@@ -297,7 +301,7 @@ def _limits_too_high(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
 
 
 def _dead(rows: tuple[ServiceRow, ...]) -> Iterator[Problem]:
-    """A row of which a client takes everything that a later one could get."""
+    """Report rows that a client never reaches because an earlier row takes all their areas and units."""
     asked = [row for row in rows if not row.server_only]
     for place, row in enumerate(asked):
         for earlier in asked[:place]:
@@ -313,7 +317,9 @@ def _dead(rows: tuple[ServiceRow, ...]) -> Iterator[Problem]:
 
 
 def _names_places(row: ServiceRow) -> bool:
-    """Whether a row speaks of places by numbers alone; with text or parts of addresses it may not take every one."""
+    """Return whether a row addresses places by numbers alone; a row with text or parts of addresses may not take every
+    place.
+    """
     named = names_read(row.request)
     return "start" in named and not named - {
         "station",
@@ -371,7 +377,7 @@ def _errors(protocol: Protocol, broken: Collection[str]) -> Iterator[Problem]:
 
 
 def _texts_for_numbers(protocol: Protocol, table: str) -> list[str]:
-    """Texts among the keys of a table that names codes, where the frames of errors have numbers for them."""
+    """Return the texts among the keys of a table of code names, if the frames of errors carry numbers."""
     errors = protocol.errors
     root = None if errors is None or errors.code is None else errors.code.root
     if errors is None or not isinstance(root, Name) or table not in protocol.tables:
@@ -385,7 +391,7 @@ def _texts_for_numbers(protocol: Protocol, table: str) -> list[str]:
 
 
 def _codes(protocol: Protocol) -> Iterator[Problem]:
-    """Two areas with one code for a unit can't be told apart by a server."""
+    """Report areas with the same code for a unit: a server cannot distinguish them."""
     seen: dict[tuple[str, object], str] = {}
     for area in protocol.areas.values():
         for unit, code in area.codes.items():

@@ -1,7 +1,7 @@
-"""Kinds of expressions – number, time, text, bytes – and where values of a definition must be of a kind.
+"""Kinds of expressions – number, time, text, bytes – and the places in a definition that require a kind.
 
-Times of steps, sizes, defaults, what constructors give to fields: here is which names have which kind, which key wants
-what, and whether operators get what they can work with.
+The places are times of steps, sizes, defaults, and fields of constructors. This module knows the kind of each name and
+the kind that each key requires, and checks the operands of operators.
 """
 
 from __future__ import annotations
@@ -82,19 +82,21 @@ _TAKES: dict[str, tuple[tuple[Kind, ...], ...]] = {
     "random": (("number",),),
     "code": (("text",), ("bytes",)),
 }
-"""What functions take, as far as it is checked."""
+"""Kinds of the arguments of functions, as far as they are checked."""
 
 _SEQUENCES: frozenset[Kind] = frozenset({"text", "bytes", "list"})
 _WITHOUT_FIELDS: frozenset[Kind] = frozenset({"number", "time", "text", "bytes"})
 
 
 class _Held(NamedTuple):
-    """A record or a list of records, and what it holds. `is_one`: one record is meant; `is_item`: one of a list."""
+    """A record or a list of records, with its segments."""
 
     name: str
     members: Segments
     is_one: bool
+    """Whether one record is meant."""
     is_item: bool = False
+    """Whether it is one record of a list."""
 
 
 def held_in(segments: Iterable[Segment]) -> dict[str, _Held]:
@@ -109,15 +111,15 @@ def held_in(segments: Iterable[Segment]) -> dict[str, _Held]:
 
 
 def never_an_attribute(node: Attribute) -> Kind:
-    """What `x.name` is when nothing is known about it."""
+    """Return the kind of `x.name` without knowledge of `x`."""
     return "number" if isinstance(node.value, Name) and node.value.name == "line" else "any"
 
 
 class KindChecker:
-    """Works out kinds, with the kinds of names given by `names`, and collects what does not fit.
+    """Determines the kinds of expressions, with the kinds of names given by `names`, and collects problems.
 
-    `holders`: the records and lists of records that names stand for; `columns`: the names in the rows of tables;
-    `measured`: the frames inside whose length is known, None outside of frames; `inside`: the names of frames inside.
+    `holders`: the records and lists of records by name; `columns`: the names in the rows of tables; `measured`: the
+    inner frames whose length is known, None outside of frames; `inside`: the names of inner frames.
     """
 
     def __init__(self, names: Mapping[str, Kind], attributes: Attributes = never_an_attribute) -> None:
@@ -132,7 +134,7 @@ class KindChecker:
         self.inside: frozenset[str] = frozenset()
 
     def wants(self, expression: Expression | None, wanted: Kind) -> None:
-        """Notes what is wrong inside, and a result that is not `wanted`. A 0 is a time too."""
+        """Note problems inside an expression, and a kind other than `wanted`. A 0 is a time too."""
         if expression is None:
             return
         found = self.kind(expression)
@@ -208,7 +210,7 @@ class KindChecker:
             if kind in _WITHOUT_FIELDS:
                 self._inside(node.at, f"{WORDS[kind]} has no '{node.name}'")
             is_line = isinstance(node.value, Name) and node.value.name == "line"
-            if is_line and "line" in self.names:  # a value of that name
+            if is_line and "line" in self.names:  # a value named `line`
                 return "any"
             if is_line and node.name != "speed":
                 self._inside(node.at, f"the line has no '{node.name}'", "write line.speed if that is meant")
@@ -233,7 +235,7 @@ class KindChecker:
         return None
 
     def _held(self, node: Node) -> _Held | None:
-        """Return the record or list of records that a node stands for."""
+        """Return the record or list of records that a node refers to."""
         match node:
             case Name(name=name):
                 return self.holders.get(name)
@@ -321,7 +323,9 @@ class KindChecker:
         return _FUNCTION_KINDS.get(gives, "any")
 
     def _length_of_frame(self, frame: Node, kind: Kind) -> None:
-        """The length of a frame inside is known in the frame around it, where it is always there."""
+        """Note the length of an inner frame where it is unknown: it is known in the outer frame only, if always
+        present.
+        """
         last = frame.name if isinstance(frame, (Name, Attribute)) else ""
         if kind != "frame" and not (self.measured is None and isinstance(frame, Attribute) and last in self.inside):
             return
@@ -333,7 +337,9 @@ class KindChecker:
             self._inside(frame.at, what, "take a length: that counts it")
 
     def _same(self, node: Call, kinds: list[Kind]) -> None:
-        """`min` and `max` compare what is in one list, or several values of one kind; `only` two of one kind."""
+        """Note incomparable arguments: `min` and `max` take one list, or several values of one kind; `only` takes two
+        of one kind.
+        """
         if len(kinds) == 1 and kinds[0] in ("number", "time"):
             self._inside(node.at, f"'{node.function}' of one value takes a list, this is {WORDS[kinds[0]]}")
         for argument, kind in zip(node.arguments[1:], kinds[1:], strict=True):
@@ -383,7 +389,7 @@ class KindChecker:
 
 
 def _combined(operator: str, left: Kind, right: Kind) -> Kind | None:
-    """What an operator gives; None when it does not take these."""
+    """Return the kind of the result of an operator; None if it does not accept these operands."""
     numbers = ("number", "time")
     if left == right == "number":
         return "number"
@@ -448,7 +454,9 @@ VARIABLE_KINDS: dict[str, Kind] = {
 
 
 def field_kinds(segments: Iterable[Segment]) -> dict[str, Kind]:
-    """Kinds of the values of segments; a field whose numbers have names is `any`, since names stand for numbers."""
+    """Return the kinds of the values of segments; a field whose numbers have names is `any`, since names stand for
+    numbers.
+    """
     found: dict[str, Kind] = {}
     for segment in flat(segments):
         for name, kind in segment.value_kinds():
@@ -470,7 +478,7 @@ def add_kind(found: dict[str, Kind], name: str, kind: Kind) -> None:
 
 
 def kind_of_variable(type_: str) -> Kind:
-    """The kind of a parameter, argument or variable of that type."""
+    """Return the kind of a parameter, argument or variable of that type."""
     return "number" if type_[:1] in "uif" and type_[1:].isdigit() else VARIABLE_KINDS.get(type_, "any")
 
 
@@ -495,7 +503,7 @@ def columns_of(table: Table) -> frozenset[str]:
 
 
 def check_kinds(protocol: Protocol) -> list[Problem]:
-    """Every expression whose value cannot be what its place wants."""
+    """Return a problem for every expression whose kind is wrong for its place."""
     return _Kinds(protocol).check()
 
 
@@ -508,7 +516,7 @@ class _Kinds:
         names |= {name: kind_of_variable(parameter.type) for name, parameter in protocol.params.items()}
         names |= {name: kind_of_state(variable) for name, variable in protocol.state.items()}
         names |= dict.fromkeys(protocol.tables, "table")
-        untold = protocol.kind == "application"  # the protocol that carries it says what stations are
+        untold = protocol.kind == "application"  # the carrying protocol defines the stations
         station = "any" if untold else VARIABLE_KINDS.get(protocol.station.type, "any")
         self.columns = {
             name: columns_of(table) for name, table in protocol.tables.items() if name not in protocol.state
@@ -569,7 +577,7 @@ class _Kinds:
             self._keys(checker, part)
 
     def _method(self, method: CheckMethod) -> None:
-        """The expression of a check method: bytes of the code's width, or the next number of a fold."""
+        """Check the expression of a check method: bytes of the code's width, or the next number of a fold."""
         if method.expression is None:
             return
         if method.kind != "code":
@@ -617,7 +625,7 @@ class _Kinds:
     def _for_field(
         self, checker: KindChecker, expression: Expression, kind: Kind, values: Mapping[int, str] | None
     ) -> None:
-        """What a field is given: of its kind, or one of its names."""
+        """Check the value given for a field: it must have the field's kind, or be one of the names of its values."""
         if values is None:
             checker.wants(expression, kind)
             return
@@ -657,7 +665,7 @@ class _Kinds:
         self._actions(checker, [step.branch, dict(step.handlers)])
 
     def _keys(self, checker: KindChecker, part: Any) -> None:
-        """The expressions of keys that have to come to something certain."""
+        """Check the expressions of keys that require a kind."""
         for expression, kind in () if part is None else expressions_with_kinds(part):
             checker.wants(expression, kind)
 
@@ -676,7 +684,7 @@ class _Kinds:
         self._actions(self._checker({**local, "it": "frame" if row.frames else "any"}, attribute), [row])
 
     def _actions(self, checker: KindChecker, holder: Any) -> None:
-        """All actions in it, also those that are done otherwise."""
+        """Check all actions in it, their `else` included."""
         for action in parts_of(holder, Action):
             self._keys(checker, action)
             for expression, _ in action.store:
@@ -686,7 +694,7 @@ class _Kinds:
             self._made(checker, [action.put])
 
     def _sent(self, checker: KindChecker, part: Step | Action) -> None:
-        """Only frames are sent and delivered."""
+        """Check that only frames are sent and delivered."""
         for value in (part.send, part.deliver):
             if isinstance(value, Expression):
                 checker.wants(value, "frame")
@@ -694,7 +702,7 @@ class _Kinds:
                 self._made(checker, [value])
 
     def _settings(self, checker: KindChecker, holder: Step | Action) -> None:
-        """What `set` puts into a variable is of its kind."""
+        """Check the kinds of the values that `set` stores in variables."""
         for target, value in holder.set:
             variable = self.protocol.state.get(target.name)
             parameter = self.protocol.params.get(target.name)
@@ -712,7 +720,9 @@ class _Kinds:
                 self._made(checker, [value])
 
     def _set(self, checker: KindChecker, variable: StateVariable | None, key: Expression | None, value: Value) -> None:
-        """What a variable of the state, or its entry `key`, becomes: of its kind, a number that it holds."""
+        """Check the new value of a variable of the state, or of its entry `key`: its kind, and the range of a
+        number.
+        """
         wanted: Kind = "any"
         if variable is not None and not variable.values and variable.layout is None:
             wanted = kind_of_variable(variable.type) if key is not None or variable.keys is None else "any"
@@ -728,7 +738,7 @@ class _Kinds:
             self._never_in(value, bounds, f"'{variable.name}' holds")
 
     def _never_in(self, value: Value, limits: tuple[int, int], holder: str) -> None:
-        """A number that stands there, and is outside of the limits."""
+        """Report a constant number outside of the limits."""
         number = constant_number(value) if isinstance(value, Expression) else None
         if number is not None and isinstance(value, Expression) and not limits[0] <= number <= limits[1]:
             what = f"{number} does not fit: {holder} {limits[0]} to {limits[1]}"
@@ -737,7 +747,7 @@ class _Kinds:
     # ---- constructors -------------------------------------------------------------------------------------
 
     def _made(self, checker: KindChecker, holders: Collection[Any]) -> None:
-        """Constructors of frames: what each field is given. Other expressions are looked at for themselves."""
+        """Check the values of fields in constructors of frames; other expressions are checked by themselves."""
         validated: set[int] = set()
         for made in parts_of(list(holders), FrameOf):
             frame = self.protocol.frames.get(made.frame)
@@ -780,7 +790,7 @@ def _known_values(frame: Frame) -> dict[str, tuple[Kind, Mapping[int, str] | Non
 
 
 def _results(node: Node) -> Iterable[Node]:
-    """What an expression may come to, by its conditions."""
+    """Yield the possible results of an expression with conditions."""
     if isinstance(node, Conditional):
         yield from _results(node.then)
         yield from _results(node.otherwise)

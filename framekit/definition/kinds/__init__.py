@@ -1,1 +1,1 @@
-"""The kinds of segments, one module each, and what all of them have in common."""
+"""The kinds of segments, one module each, and their common part."""

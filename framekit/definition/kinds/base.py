@@ -1,7 +1,7 @@
-"""What there is of a kind of segment in a definition: keys, how it is read, what it holds, what can be wrong with it.
+"""Common part of the kinds of segments: keys, reading, contents, checks.
 
 A kind is a class with a module here, and a row of the list in `model/segments.py`. Loaders, the checker and all walks
-ask the properties below; none of them knows a kind. How it is read, built and measured stands in `codec/kinds`.
+use the properties below and know no particular kind. Code that reads, builds and measures kinds is in `codec/kinds`.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from framekit.definition.wire_types import EVERY_BYTE, NOTHING, FieldType, Sizes
 T = TypeVar("T")
 SegmentClass = TypeVar("SegmentClass", bound="type[Segment]")
 Segments = tuple["Segment", ...]
-"""Segments in the order in which they stand on the wire."""
+"""Segments in their order on the wire."""
 
 Contents = Callable[[str], Iterable["Segment"] | None]
 """Gives the segments of a frame by name; None where they are not known."""
 
 Given = tuple[Expression | None, ValueKind, Mapping[int, str] | None]
-"""An expression, what it has to be, and the names of numbers that it may be instead."""
+"""An expression, its required kind, and the names of numbers that it may be instead."""
 
 
 class SegmentLoading(Interface):
-    """Who reads segments, for kinds that hold others. `side`: who sends the frame."""
+    """Loader of segments, for kinds that contain others. `side`: sender of the frame."""
 
     space: Meanings
     side: str | None
@@ -48,7 +48,7 @@ class SegmentLoading(Interface):
 
 
 class References(Interface):
-    """What names of segments mean in a frame; what is not there is noted."""
+    """Meanings of the names of segments in a frame; missing names are noted."""
 
     reader: Reader
 
@@ -61,7 +61,7 @@ class References(Interface):
 
 
 class Fixing(Interface):
-    """What `where` fixes: constants as written, or what computes the value."""
+    """Values fixed by `where`: constants as written, or an expression that computes the value."""
 
     @property
     def constants(self) -> SequenceOf[Scalar]: ...
@@ -71,25 +71,26 @@ class Fixing(Interface):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Segment:
-    """What every segment may have, and what it can be asked.
-
-    `refuse` is the code of a fault here that is to be answered, not dropped. `KEY` names the kind in YAML; a kind that
-    no key names is made by others. `takes_bytes`: whether it stands on the wire;
-    `is_ignored`: whether its bytes mean nothing. `HINTS`: what to do about keys that it has not. `VALUE`: what its one
-    value is, which has the segment's name; None if it holds none, or several. `WANTED`: no frame is built without it.
-    """
+    """Base class of segments: common attributes and properties."""
 
     KEY: ClassVar[str] = ""
+    """Key of the kind in YAML; empty for a kind that only other kinds create."""
     takes_bytes: ClassVar[bool] = True
+    """Whether the segment has bytes on the wire."""
     is_ignored: ClassVar[bool] = False
+    """Whether its bytes have no meaning."""
     HINTS: ClassVar[Mapping[str, str]] = {}
+    """Remedies for keys that the kind does not have."""
     VALUE: ClassVar[ValueKind | None] = None
+    """Kind of its single value, which has the segment's name; None if it has none, or several."""
     WANTED: ClassVar[bool] = False
+    """Whether no frame can be built without its value."""
 
     at: Position
     name: str | None = None
     when: Expression | None = None
     refuse: int | None = None
+    """Code with which a fault in the segment is answered; None: the frame is dropped."""
     doc: str = ""
     holder: str = ""
     """The path of the record or list whose value it belongs to; empty in the frame itself."""
@@ -114,12 +115,12 @@ class Segment:
 
     @classmethod
     def called(cls) -> str:
-        """What messages call the thing that the segment is."""
+        """Return the noun of the segment in messages."""
         return cls.KEY
 
     @classmethod
     def load(cls, loader: SegmentLoading, keys: Keys) -> Segments:
-        """Return the segments that a mapping of this kind stands for. Raises Broken."""
+        """Return the segments that a mapping of this kind defines. Raises Broken."""
         common = loader.common(keys, cls.KEY)
         return (cls(**{**common, **cls.attributes(loader, keys)}),)
 
@@ -128,7 +129,7 @@ class Segment:
         """Return the attributes that the keys give. Raises Broken."""
         return read_keys(cls, loader, keys)
 
-    # ---- what it holds ------------------------------------------------------------------------------------
+    # ---- contents -----------------------------------------------------------------------------------------
 
     @property
     def path(self) -> str:
@@ -138,7 +139,7 @@ class Segment:
         return self.sibling_path(self.name or "")
 
     def sibling_path(self, name: str) -> str:
-        """The path of the segment of that name in the same record."""
+        """Return the path of the segment of that name in the same record."""
         return f"{self.holder}.{name}" if self.holder else name
 
     @property
@@ -153,12 +154,12 @@ class Segment:
 
     @property
     def is_there_inside(self) -> bool:
-        """Whether what stands in `blocks` is there whenever the segment is."""
+        """Return whether the segments in `blocks` are present whenever the segment is."""
         return False
 
     @property
     def inner_record(self) -> Segments | None:
-        """Return the segments inside whose values make records of their own; None if there is no such list."""
+        """Return the segments inside whose values make records of their own; None if no such list exists."""
         return None
 
     @property
@@ -168,27 +169,27 @@ class Segment:
 
     @property
     def members(self) -> Segments:
-        """Return the segments of `inner_record`; none if there is no such list."""
+        """Return the segments of `inner_record`; an empty tuple if it is None."""
         return self.inner_record or ()
 
     @property
     def usual_block(self) -> Segments:
-        """What stands in it where nothing says which of its lists is there."""
+        """Return the block that is present by default; an empty tuple if there are several."""
         return self.blocks[0] if len(self.blocks) == 1 else ()
 
     @property
     def has_cases(self) -> bool:
-        """Whether what stands in `blocks` may be absent although the segment is there."""
+        """Return whether the segments in `blocks` may be absent although the segment is present."""
         return bool(self.blocks) and not self.is_there_inside
 
     @property
     def is_list(self) -> bool:
-        """Whether its value is a list, so that what stands inside it may come several times."""
+        """Return whether its value is a list, so that the segments inside it may occur several times."""
         return False
 
     @property
     def frames_inside(self) -> tuple[str, ...]:
-        """Return the frames of which one stands in its place."""
+        """Return the names of the frames that may take its place."""
         return ()
 
     def with_blocks(self, change: Callable[[Segments], Segments]) -> Self:
@@ -206,13 +207,13 @@ class Segment:
     # ---- bytes --------------------------------------------------------------------------------------------
 
     def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
-        """Bytes on the wire when it is there; `of_frame` gives the sizes of a frame by name."""
+        """Return its sizes on the wire if it is present; `of_frame` gives the sizes of a frame by name."""
         if self.number_type is None and self.takes_bytes:
             raise NotImplementedError
         return NOTHING if self.number_type is None else self.number_type.sizes
 
     def contents(self, of_frame: Contents) -> frozenset[int]:
-        """The bytes that may stand in it; every byte where that cannot be told."""
+        """Return the bytes that may occur in it; every byte if that is unknown."""
         if not self.takes_bytes:
             return frozenset()
         if self.number_type is not None:
@@ -232,7 +233,7 @@ class Segment:
 
     @property
     def number_type(self) -> FieldType | None:
-        """The type of what stands on the wire, if that is one value of a type."""
+        """Return the type of its value on the wire, if it has a single value with a type."""
         return None
 
     @property
@@ -244,7 +245,7 @@ class Segment:
     # ---- values -------------------------------------------------------------------------------------------
 
     def value_kinds(self) -> Iterator[tuple[str, ValueKind]]:
-        """The names that expressions may use, with what stands behind each."""
+        """Yield the names that expressions may use, with the kind of each."""
         if self.name:
             yield self.name, self.VALUE or "any"
 
@@ -254,7 +255,7 @@ class Segment:
 
     @property
     def wanted_names(self) -> tuple[str, ...]:
-        """Return the values without which no frame can be built where the segment is there."""
+        """Return the values without which no frame can be built if the segment is present."""
         return self.value_names if self.WANTED else ()
 
     @property
@@ -270,18 +271,18 @@ class Segment:
 
     @property
     def may_be_given(self) -> bool:
-        """Whether a value of it is given, and so tells that it is there."""
+        """Return whether a value of it may be given, which shows that the segment is present."""
         return bool(self.wanted_names)
 
     def needed(self) -> Iterator[tuple[str, Expression]]:
-        """What must be known when it is read: what messages call it, and the expression."""
+        """Yield the expressions that must be known to read it, with their nouns in messages."""
         if self.when is not None:
             yield "condition", self.when
         if self.size_expression is not None:
             yield "size", self.size_expression
 
     def given(self) -> Iterator[Given]:
-        """Its expressions, with what each has to be."""
+        """Yield its expressions, with the required kind of each."""
         yield self.when, "any", None
         yield self.size_expression, "number", None
 
@@ -291,12 +292,12 @@ class Segment:
 
     @property
     def condition(self) -> Expression | None:
-        """What must hold for the frame, of a segment that is nothing else."""
+        """Return the condition on the frame, for a segment that is only a condition."""
         return None
 
     @property
     def follows(self) -> Expression | None:
-        """For a value that takes no bytes: what it follows from."""
+        """Return the expression of a value without bytes."""
         return None
 
     # ---- loading ------------------------------------------------------------------------------------------
@@ -306,11 +307,11 @@ class Segment:
         return self.with_record(references.inside)
 
     def fixed(self, reader: Reader, wheres: Mapping[str, Fixing], used: set[str]) -> Segment:
-        """The same segment with what `where` says of its values; their names are put into `used`. Raises Broken."""
+        """Return the segment with the values fixed by `where`; their names are added to `used`. Raises Broken."""
         return self
 
     def with_numbers(self, reader: Reader, numbers: Mapping[str, int] | None) -> Segment:
-        """The same segment with names of numbers replaced, where it chooses by a value whose numbers have names."""
+        """Return the segment with names of numbers replaced, if it chooses by a value whose numbers have names."""
         return self
 
     @property
@@ -321,19 +322,19 @@ class Segment:
     # ---- checking -----------------------------------------------------------------------------------------
 
     def check(self) -> Iterator[Problem]:
-        """What is wrong with it by itself."""
+        """Report problems of the segment by itself."""
         return iter(())
 
     @property
     def title(self) -> str:
-        """What messages call it."""
+        """Return its title in messages."""
         if self.name and not self.name.startswith("_"):
             return f"'{self.name}'"
         return f"the {type(self).__name__.lower()} part"
 
 
 def sizes_of(segments: Segments, of_frame: Callable[[str], Sizes]) -> Sizes:
-    """Bytes on the wire of a list; a segment under a condition may take none."""
+    """Return the sizes of a list of segments on the wire; a conditional segment may take no bytes."""
     total = NOTHING
     for segment in segments:
         if segment.whole_frame is not None:
@@ -344,12 +345,12 @@ def sizes_of(segments: Segments, of_frame: Callable[[str], Sizes]) -> Sizes:
 
 
 def lack_default(segments: Segments) -> bool:
-    """Return whether something in a list that is always there has to be given."""
+    """Return whether a segment that is always present requires a given value."""
     return any(segment.when is None and segment.lacks_default for segment in segments)
 
 
 def contents_of(segments: Iterable[Segment], of_frame: Contents) -> frozenset[int]:
-    """The bytes that may stand in segments; every byte where that cannot be told."""
+    """Return the bytes that may occur in segments; every byte if that is unknown."""
     found: frozenset[int] = frozenset()
     for segment in segments:
         if len(found) == 256:
@@ -359,17 +360,17 @@ def contents_of(segments: Iterable[Segment], of_frame: Contents) -> frozenset[in
 
 
 def fixed_size(segment: Segment) -> int | None:
-    """Bytes a segment always takes; None when that depends on content, or on a frame inside."""
+    """Return the constant size of a segment (bytes); None if it depends on content, or on an inner frame."""
     return all_fixed((segment,))
 
 
 def all_fixed(segments: Segments) -> int | None:
-    """Bytes that segments always take; None when that depends on content, or on a frame inside."""
+    """Return the constant size of segments (bytes); None if it depends on content, or on an inner frame."""
     return sizes_of(segments, of_any_frame).fixed
 
 
 def least_size(segments: Segments) -> int:
-    """Bytes that segments take at least; those of frames inside do not count."""
+    """Return the least size of segments (bytes), without inner frames."""
     return sizes_of(segments, of_any_frame).least
 
 
@@ -380,7 +381,7 @@ KINDS: dict[str, type[Segment]] = {}
 
 
 def add_kind(*kinds: type[Segment]) -> None:
-    """Kinds that definitions may use from now on."""
+    """Register kinds for definitions."""
     for kind in kinds:
         KINDS[kind.KEY] = kind
 
@@ -406,7 +407,7 @@ class Numbered(Interface):
 
 
 def value_names(space: Meanings, node: Node) -> Mapping[int, str]:
-    """Names of numbers: a table's name, or a mapping code: name. Raises Broken."""
+    """Return the names of numbers, from the name of a table or a mapping code: name. Raises Broken."""
     reader = space.reader
     if isinstance(node, Keys):
         found: dict[int, str] = {}
@@ -437,7 +438,7 @@ def constant_number(expression: Expression | None) -> int | None:
 
 
 def most_bytes(node: ExpressionNode) -> int | None:
-    """How many bytes an expression gives where there are enough of them; None where that is open."""
+    """Return the number of bytes of the result of an expression, given enough input; None if it is variable."""
     match node:
         case Bytes(value=value):
             return len(value)
@@ -463,14 +464,14 @@ def most_bytes(node: ExpressionNode) -> int | None:
 
 
 def _place(node: ExpressionNode | None) -> int | None:
-    """Return the end of a slice as a number: 0 for one that is missing, None for one that is worked out."""
+    """Return the end of a slice as a number: 0 for a missing end, None for a computed end."""
     return 0 if node is None else constant_number(Expression("", node))
 
 
 def bytes_of_number(segment: Numbered, plus: int = 0) -> frozenset[int]:
-    """Return the bytes that its number may have on the wire; wire number = number + plus.
+    """Return the bytes that its number may have on the wire, where the wire number is number + plus.
 
-    A range limits those of one byte.
+    A range limits the bytes of numbers of one byte.
     """
     is_byte = segment.type.kind == "int" and segment.type.size == 1 and segment.zero_means is None
     if not is_byte or segment.limits is None or segment.limits[0] + plus < 0:

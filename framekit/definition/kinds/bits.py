@@ -43,7 +43,7 @@ class BitsPart:
         return (1 << self.high - self.low + 1) - 1 if self.high < 1024 else None
 
     def check(self) -> Iterator[Problem]:
-        """Constants of bits fit into them."""
+        """Report constants that do not fit into their bits."""
         constants = [(number, self.at) for number in self.values or ()]
         constants += [
             (number, expression.at)
@@ -55,7 +55,7 @@ class BitsPart:
                 yield Problem(at, f"{number} does not fit: '{self.name}' holds 0 to {self.most}", "give it more bits")
 
     def fixed(self, reader: Reader, where: Fixing) -> BitsPart:
-        """The same bits with what `where` says of them. Raises Broken."""
+        """Return the bits with the values fixed by `where`. Raises Broken."""
         if where.build is not None:
             return replace(self, build=where.build)
         constants = tuple(number_written(reader, self, scalar) for scalar in where.constants)
@@ -141,9 +141,10 @@ class Bits(Segment):
 
     @property
     def wire_bytes(self) -> list[frozenset[int]]:
-        """What each byte of a plain number of one or two bytes may be, as far as parts are fixed; none for others.
+        """Return the possible values of each byte of a plain number of one or two bytes with fixed parts; empty for
+        other types.
 
-        Bits without a name may be anything when they are read.
+        Bits without a name may have any value when they are read.
         """
         size, type_ = self.type.fixed_size or 0, self.type
         if type_.kind != "int" or type_.signed or type_.order not in ("big", "little") or not 0 < size <= 2:
@@ -199,7 +200,7 @@ class Bits(Segment):
         return replace(self, parts=parts)
 
     def resolved(self, references: References) -> Segment:
-        """Bits have no sign: the highest one is a bit like the others."""
+        """Return the segment with an unsigned type: the highest bit is a bit like the others."""
         return replace(self, type=replace(self.type, signed=False)) if self.type.is_whole_number else self
 
     def check(self) -> Iterator[Problem]:

@@ -21,7 +21,7 @@ VERIFY: dict[str, Verify] = {"error": "error", "warn": "warn", "off": "off"}
 
 
 def _form(reading: KeyReading) -> CodeForm:
-    """`hex` digits are upper-case unless `case: lower`."""
+    """Return the form of the code; `hex` digits are upper-case unless `case: lower`."""
     reader, given = reading.reader, reading.keys
     node = given.get("as")
     form: CodeForm = "raw" if node is None else reader.one_of(node, FORMS, "a form of a check code")
@@ -30,7 +30,7 @@ def _form(reading: KeyReading) -> CodeForm:
 
 @dataclass(frozen=True, slots=True)
 class Added:
-    """Bytes that count in a check code and are not on the wire: of an expression, or its number as a type says."""
+    """Covered bytes that are not on the wire: an expression for bytes, or for a number written in a type."""
 
     at: Position
     value: Expression
@@ -40,7 +40,7 @@ class Added:
 Edges = tuple[str, str]
 """From one segment to another; the last name may be `here`."""
 Covered = str | Edges | Added
-"""A part of what a check code covers: a named segment, several from one to another, bytes that are not on the wire."""
+"""A covered part: a named segment, a range from one segment to another, or bytes that are not on the wire."""
 
 
 def _covers(reading: KeyReading) -> tuple[Covered, ...] | None:
@@ -67,7 +67,7 @@ def _covered(reading: KeyReading, node: Node) -> Covered:
 
 
 def _size(reading: KeyReading) -> int:
-    """Bytes on the wire of a check code. An order where they are one byte, or its digits, is noted."""
+    """Return the size of a check code on the wire (bytes). A byte order without effect is noted."""
     node, method, form = reading.keys.get("size"), reading.found["method"], reading.found["form"]
     if node is not None:
         size = reading.reader.number(node)
@@ -100,7 +100,8 @@ _COVERED = (
 class Check(Segment):
     """A check code over everything before it, or over parts one after the other (`covers`).
 
-    Each part counts as it is inside its wrap: undoubled and in binary; as it stands on the wire, if `wire` says so.
+    Each part is covered with its content inside of wraps, decoded and in binary; with its bytes on the wire, if `wire`
+    is set.
     """
 
     KEY: ClassVar[str] = "check"
@@ -149,7 +150,7 @@ class Check(Segment):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The segments that it names one by one."""
+        """Return the names of the segments that it covers as single names."""
         return tuple(one for one in self.covers or () if isinstance(one, str))
 
     @property
@@ -159,22 +160,22 @@ class Check(Segment):
 
     @property
     def span(self) -> Edges | None:
-        """The range that is all it covers, if it is one."""
+        """Return the covered range if that is all it covers; else None."""
         only = self.covers[0] if self.covers is not None and len(self.covers) == 1 else None
         return only if isinstance(only, tuple) else None
 
     @property
     def added(self) -> tuple[Added, ...]:
-        """What it covers beside segments."""
+        """Return the covered bytes that are not on the wire."""
         return tuple(one for one in self.covers or () if isinstance(one, Added))
 
     @property
     def code_size(self) -> int:
-        """Bytes of the code that stand on the wire, of one that is made with a key."""
+        """Return the number of bytes of the code, for a code with a key, that its place on the wire holds."""
         return self.size // (2 if self.form in ("hex", "HEX", "nibbles") else 1)
 
     def with_names(self, change: Callable[[tuple[str, ...]], tuple[str, ...]]) -> Self:
-        """Return the same check, where other segments stand for those that it names."""
+        """Return the check with the names of covered segments replaced."""
         covers = self.covers
         if covers is not None:
             parts = ((change((one,)) if isinstance(one, str) else (one,)) for one in covers)
@@ -214,7 +215,7 @@ class Check(Segment):
         return written[which] if written else ""
 
     def check(self) -> Iterator[Problem]:
-        """A code has the places its digits need."""
+        """Report a code that does not fit into its digits, and other problems of its parameters."""
         bits = {"raw": 8, "hex": 4, "HEX": 4, "nibbles": 4}.get(self.form)
         if self.method.is_keyed:
             yield from self._keyed()
@@ -240,7 +241,9 @@ class Check(Segment):
             yield Problem(self.at, what, "leave wire out, or say in over: what it covers")
 
     def _keyed(self) -> Iterator[Problem]:
-        """A code made with a key has one, and stands there as bytes or digits of them, the first ones if not all."""
+        """Report a code with a missing key, or with a form or size that is impossible for it; a shorter size sends its
+        first bytes.
+        """
         name, mac = self.method.name, MACS.get(self.method.kind, Mac(self.method.size))
         expression = self.method.expression
         if mac.is_extra or (expression is not None and needs_extra(expression)):

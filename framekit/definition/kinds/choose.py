@@ -1,4 +1,4 @@
-"""`choose`, `optional`: lists of segments of which one is there, or none."""
+"""`choose`, `optional`: lists of segments of which at most one is present."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ class Choose(Segment):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Optional(Segment):
-    """Segments that are there when their values are given, and read when bytes are left in the region."""
+    """Segments that are present if their values are given, and read if bytes remain in the region."""
 
     KEY: ClassVar[str] = "optional"
 

@@ -1,4 +1,4 @@
-"""`const`, `text`, `skip`: bytes that are always the same, and bytes that mean nothing."""
+"""`const`, `text`, `skip`: constant bytes, and bytes without a meaning."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Const(Segment):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TextKeys(Const):
-    """The keys of `text`; what is read is a `Const`."""
+    """The keys of `text`; they are read into a `Const`."""
 
     KEY: ClassVar[str] = "text"
 
@@ -74,10 +74,12 @@ class Skip(Segment):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fill(Segment):
-    """What a frame of fixed size leaves free between body and tail: `total` is the size of the whole frame."""
+    """Filling of a frame of fixed size between body and tail."""
 
     total: int
+    """Size of the whole frame (bytes)."""
     byte: int
+    """Byte that fills."""
 
     def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:
         return ANY

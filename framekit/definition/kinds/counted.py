@@ -46,7 +46,7 @@ UNIT = Form(
 
 
 class Counting(Segment):
-    """A number that tells how much another part has."""
+    """A number that gives the size or number of items of another part."""
 
     VALUE: ClassVar[ValueKind | None] = "number"
 

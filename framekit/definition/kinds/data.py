@@ -15,7 +15,7 @@ from framekit.definition.wire_types import DIGITS, EVERY_BYTE, SIZE, Size, Sizes
 
 
 def _conversion(reading: KeyReading, node: Node) -> Literal["hex_to_ascii", "ascii_to_hex"] | None:
-    """From memory to wire, whatever the definition's way to name it."""
+    """Return the conversion from memory to the wire, for either way in which a definition names it. Raises Broken."""
     reader, side = reading.reader, reading.loader.side
     name = reader.text(node)
     if name not in ("hex_to_ascii", "ascii_to_hex"):
@@ -61,7 +61,7 @@ SWAP = Form(words("a swap", "2", "4", "8", 2, 4, 8), _swap)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Data(Segment):
-    """Bytes. `size` counts them in memory, before conversion; `pad` fills shorter ones; `least` is the least number."""
+    """Bytes. `size` counts them in memory, before conversion; `pad` fills shorter data; `least` is the least number."""
 
     KEY: ClassVar[str] = "data"
     HINTS: ClassVar[Mapping[str, str]] = {
@@ -90,7 +90,7 @@ class Data(Segment):
     )
 
     def on_wire(self, size: int) -> int:
-        """Bytes on the wire for so many in memory."""
+        """Return the size on the wire of `size` bytes in memory."""
         return size * 2 if self.convert == "hex_to_ascii" else size // 2 if self.convert == "ascii_to_hex" else size
 
     def sizes(self, of_frame: Callable[[str], Sizes]) -> Sizes:

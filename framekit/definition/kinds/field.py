@@ -93,12 +93,7 @@ LONG = mapping_of(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Field(Segment):
-    """One value. `is_` computes it always, `build` and `default` when nothing is given.
-
-    `plus`: wire number = value + plus. `unit`: the value is a time, wire number × unit nanoseconds. `limits`: least and
-    greatest value. `only`: numbers without a name in `values` are refused. `zero_means`: wire 0 stands for this value.
-    `constants`: fixed by the frame's `where`; the first is what is sent.
-    """
+    """A value. `is_` always computes it; `build` and `default` apply if no value is given."""
 
     KEY: ClassVar[str] = "field"
     VALUE: ClassVar[ValueKind | None] = "any"
@@ -125,6 +120,7 @@ class Field(Segment):
         "values: numbers without a name are refused.",
         default=False,
     )
+    """Whether numbers without a name in `values` are refused."""
     is_: Expression | None = key(
         "is", GIVEN, "Always this; computed when building, compared when reading.", default=None
     )
@@ -136,13 +132,18 @@ class Field(Segment):
         default=None,
     )
     limits: tuple[int, int] | None = key("range", RANGE, "Least and greatest value, 1..16.", default=None)
+    """Least and greatest value."""
     plus: int = key("plus", NUMBER, "The number on the wire is the value plus this.", default=0)
+    """Number on the wire = value + plus."""
     unit: int | None = key(
         "unit", UNIT_OF_TIME, "The value is a time; the number on the wire counts this.", default=None
     )
+    """For a time: number on the wire × unit nanoseconds."""
     long: Long | None = key("long", LONG, default=None)
     zero_means: int | None = key("zero_means", NUMBER, "The value that a 0 on the wire means.", default=None)
+    """Value that a 0 on the wire means."""
     constants: tuple[int | str | bytes, ...] | None = None
+    """Values fixed by `where` of the frame; the first is sent."""
     memory: str | None = key(
         "memory", ADDRESS, "Default address of the value for SEND and RECEIVE blocks.", default=None
     )
@@ -153,7 +154,7 @@ class Field(Segment):
 
     @property
     def span(self) -> tuple[int, int] | None:
-        """The least and the greatest number it can be sent with; None for no plain number, and where that is open."""
+        """Return the least and the greatest number it can be sent with; None for a value that is no plain number."""
         bounds = self.type.bounds
         if bounds is None or self.unit is not None or self.long is not None or self.zero_means is not None:
             return None
@@ -252,7 +253,7 @@ class Field(Segment):
         return reader.bytes(scalar) if self.type.value_kind == "bytes" else number_written(reader, self, scalar)
 
     def _fits(self, reader: Reader, scalar: Scalar, constant: int | str | bytes) -> None:
-        """A constant has the size of its field, and respects what the field says about its values."""
+        """Note a constant that does not have the size of its field, or contradicts the keys of the field."""
         if isinstance(constant, int):
             self._number_fits(reader, scalar, constant)
             return
@@ -276,7 +277,7 @@ class Field(Segment):
             reader.problems.extend(islice(self._allowed(number, scalar.at), 1))
 
     def _allowed(self, number: int, at: Position) -> Iterator[Problem]:
-        """Whether a constant respects what the field says about its values."""
+        """Report a constant that contradicts the keys of the field about its values."""
         if self.limits is not None and self.unit is None and not self.limits[0] <= number <= self.limits[1]:
             low, high = self.limits
             yield Problem(at, f"{number} is not in {low}..{high}, the range of '{self.name}'", "correct one of them")
@@ -323,7 +324,7 @@ class Field(Segment):
             names[name] = number
 
     def _no_number(self) -> Iterator[Problem]:
-        """Keys that only numbers have; a computed constant as long as the field."""
+        """Report keys that are for numbers only, and computed constants that are not as long as the field."""
         is_float = self.type.value_kind == "number"
         kind = {"text": "text", "bytes": "bytes"}.get(self.type.value_kind, "a number with a fraction")
         there = {
@@ -356,7 +357,7 @@ class Field(Segment):
         yield Problem(self.at, what, "correct one of them" if padded else "correct it, or add pad:")
 
     def _numbers(self, bounds: tuple[int, int]) -> Iterator[Problem]:
-        """Numbers that the field would have to carry: names, limits, and constant expressions."""
+        """Report numbers that do not fit into the field: names, limits, and constant expressions."""
         if self.unit is None:
             yield from limits_that_do_not_fit(self, self.plus)
         for number in self.values or ():

@@ -1,4 +1,4 @@
-"""`inner`: a frame inside this one; and a layout that stands in itself, which is a frame inside it, too."""
+"""`inner`: a frame inside another frame, and a layout that contains itself, which is read as an inner frame, too."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def _frames(reading: KeyReading, node: Node) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inner(Segment):
-    """A frame inside this one. `frames` are the candidates in the order they are tried; value `{frame: fields}`."""
+    """An inner frame. `frames` are the candidates in the order they are tried; its value is `{frame: fields}`."""
 
     KEY: ClassVar[str] = "inner"
     VALUE: ClassVar[ValueKind | None] = "frame"

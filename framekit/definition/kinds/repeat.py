@@ -1,7 +1,7 @@
 """`repeat`, and layouts included `as` a name: lists and records.
 
-Expressions in an item know its number, whether it is the last one, and the item before. The loader gives these three
-names of their own, which no file can write (`load/resolve.py`).
+Expressions in an item can read its number, whether it is the last, and the previous item. The loader gives these three
+values internal names, which no file can contain (`load/resolve.py`).
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ INDEX, LAST, PREVIOUS = "item.index", "item.last", "item.previous"
 PLAIN = "value"
 """The field in an item of a list of plain values, where something else belongs to the item: a separator, filling."""
 ITEM_WORDS = {"index": INDEX, "last": LAST, "previous": PREVIOUS}
-"""What is written in the items of a list, and the name that it stands for."""
+"""Words in the items of a list, and the internal names that they stand for."""
 
 
 def _items(reading: KeyReading) -> Segments | FieldType:
@@ -90,13 +90,13 @@ def _items(reading: KeyReading) -> Segments | FieldType:
 
 
 def _is_single(reading: KeyReading) -> bool:
-    """Whether the items are plain values with something else in each: what stands before it, or fills it up."""
+    """Return whether the items are plain values with a separator or alignment."""
     node, more = reading.keys.get("of"), (reading.keys.get(name) for name in ("separator", "align"))
     return isinstance(node, Scalar) and any(one is not None for one in more)
 
 
 def _separator(reading: KeyReading, node: Node) -> Const:
-    """What stands between two items: a constant that every item but the first begins with."""
+    """Return the separator: a constant at the beginning of every item but the first. Raises Broken."""
     times = reading.keys.get("times")
     if times is not None and load_size(reading.reader, times) == 1:
         raise reading.reader.broken(node.at, "a list of one item has no separator", "leave it out")
@@ -133,7 +133,7 @@ _ITEMS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ItemEnd(Segment):
-    """The end of an item, where it is told whether it is the last one: by `until`, else by the end of the region."""
+    """The end of an item, which determines whether it is the last: by `until`, else by the end of the region."""
 
     takes_bytes: ClassVar[bool] = False
 
@@ -149,12 +149,7 @@ class ItemEnd(Segment):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Repeat(Segment):
-    """A list: of records when `of` is segments, of plain values when it is a type.
-
-    `times` is None where the items themselves tell which is the last one. With `align` each item begins at a multiple
-    of so many bytes of the list; what fills up is not looked at. `single`: the items are plain values, each of which is
-    the field PLAIN of its segments.
-    """
+    """A list: of records if `of` is segments, of plain values if it is a type."""
 
     KEY: ClassVar[str] = "repeat"
     VALUE: ClassVar[ValueKind | None] = "list"
@@ -162,9 +157,12 @@ class Repeat(Segment):
 
     name: str = key("repeat", IDENTIFIER, "Name of the list.")
     times: Size | None = key("times", SIZE, "Number of items; an expression; or rest, as many as fit.", default=None)
+    """Number of items; None if the items themselves show which is the last."""
     of: Segments | FieldType = keys(_ITEMS, _items)
     single: bool = keys({}, _is_single, default=False)
+    """Whether the items are plain values; each is the field PLAIN of its segments."""
     align: int = key("align", ALIGN, "Each item begins at a multiple of this number of bytes in the list.", default=1)
+    """Each item begins at a multiple of this number of bytes in the list; fill bytes are not checked."""
     between: bool = key("between", FLAG, "Nothing is filled up after the last item.", default=False)
     fill: int = key("fill", BYTE, "What is sent to fill up; default 00.", default=0)
 
@@ -195,13 +193,15 @@ class Repeat(Segment):
 
     @property
     def until(self) -> Expression | None:
-        """The condition whose item is the last one."""
+        """Return the condition that marks the last item, or None."""
         last = self.members[-1:]
         return last[0].until if last and isinstance(last[0], ItemEnd) else None
 
     @property
     def next_item(self) -> Segments:
-        """The segments of an item behind another one: what is there from the second item on is always there."""
+        """Return the segments of every item after the first: segments that only the first item lacks are always
+        present.
+        """
         return tuple(replace(one, when=None) if _from_the_second(one) else one for one in self.members)
 
     @property
@@ -221,13 +221,13 @@ class Repeat(Segment):
         return Sizes(self.filled(item.least, least), greatest)
 
     def filled(self, item: int, times: int) -> int:
-        """Bytes of so many items of this size, with what fills them up."""
+        """Return the size of a number of items of this size, with fill bytes."""
         more = -item % self.align
         return times * (item + more) - (more if times and self.between else 0)
 
     def contents(self, of_frame: Contents) -> frozenset[int]:
         if self.align > 1:
-            return EVERY_BYTE  # what fills up is not looked at
+            return EVERY_BYTE  # fill bytes are not checked
         return self.of.contents if isinstance(self.of, FieldType) else contents_of(self.of, of_frame)
 
     @property
@@ -266,7 +266,7 @@ class Repeat(Segment):
             yield Problem(self.at, what, "add a segment that always takes some, or a count")
 
     def _check_align(self) -> Iterator[Problem]:
-        """Filling up has to have an effect, and items whose size may vary."""
+        """Report an alignment without effect."""
         size = all_fixed(self.of) if not isinstance(self.of, FieldType) else None
         if self.align < 2:
             for set_, key_ in ((self.between, "between"), (self.fill, "fill")):
@@ -289,7 +289,7 @@ def _from_the_second(segment: Segment) -> bool:
 
 
 def _may_be_nothing(segment: Segment) -> bool:
-    """Return whether a segment is there only under a condition, or in one of several cases."""
+    """Return whether a segment is present only under a condition, or in one of several cases."""
     in_cases = bool(segment.blocks) and not segment.is_there_inside
     return segment.when is not None or not segment.takes_bytes or in_cases
 
@@ -327,7 +327,7 @@ INCLUDED = Form(ref("label"), lambda r, node: r.loader.layout(node))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class IncludeKeys(Segment):
-    """The keys of `include`: a record where it has a name `as`, else the segments of the layout themselves."""
+    """The keys of `include`: a record if it has a name `as`, else the segments of the layout themselves."""
 
     KEY: ClassVar[str] = "include"
 

@@ -13,7 +13,7 @@ from framekit.definition.kinds.base import Given, Segment
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Value(Segment):
-    """A value without bytes: `read` derives it from what was read; building: given, else `build`, else `read`."""
+    """A value without bytes: read by `read`; when building, the given value, else `build`, else `read`."""
 
     KEY: ClassVar[str] = "value"
     takes_bytes: ClassVar[bool] = False
@@ -27,7 +27,7 @@ class Value(Segment):
 
     @property
     def given_names(self) -> tuple[str, ...]:
-        return ()  # it may be, and nothing follows from that
+        return ()  # it may be given, without any consequence
 
     @property
     def follows(self) -> Expression | None:

@@ -27,7 +27,7 @@ def _most(reading: KeyReading, node: Node) -> Size | None:
 
 
 def _size(reading: KeyReading) -> int | Expression | None:
-    """The bytes on the wire, as `size` says or as follows from what `plain` says."""
+    """Return the size on the wire, from `size`, or computed from `plain`. Raises Broken."""
     reader, node, plain = reading.reader, reading.keys.get("size"), reading.keys.get("plain")
     told = node if plain is None else plain
     if told is None:
@@ -49,12 +49,7 @@ def _size(reading: KeyReading) -> int | Expression | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wrap(Segment):
-    """A region that is converted as a whole; `coding` says how.
-
-    `size` is the number of bytes on the wire; without it, the region ends by itself (a doubled byte), at the constant
-    behind it, or with its frame. `least` and `most` limit the plain content; `inside` are frames that may stand
-    anywhere in it, `insert` says when they may be sent so.
-    """
+    """A region that is converted as a whole by `coding`."""
 
     KEY: ClassVar[str] = "wrap"
 
@@ -71,17 +66,24 @@ class Wrap(Segment):
         _size,
         default=None,
     )
+    """Number of bytes on the wire; None if the region ends by itself (a doubled byte), at the next constant, or with
+    its frame.
+    """
     inside: tuple[str, ...] = key(
         "inside",
         Form(ref("labels"), _inside),
         "Frames that may come anywhere in the content; no length and no check counts them.",
         default=(),
     )
+    """Frames that may occur anywhere in it."""
     insert: Expression | None = key("insert", EXPRESSION, "When such frames may be sent inside.", default=None)
+    """Condition for sending such frames inside."""
     least: int = key("min", NUMBER, "Least number of plain bytes.", default=0)
+    """Least size of the plain content (bytes)."""
     most: int | Expression | None = key(
         "max", SIZE._replace(read=_most), "Greatest number of plain bytes.", default=None
     )
+    """Greatest size of the plain content (bytes)."""
 
     @property
     def blocks(self) -> tuple[Segments, ...]:
@@ -101,7 +103,7 @@ class Wrap(Segment):
 
     @property
     def ends_itself(self) -> bool:
-        """Whether what stands in it shows where it ends."""
+        """Return whether its end follows from its size or its content."""
         return self.size is not None or self.escape is not None
 
     @property

@@ -1,7 +1,7 @@
-"""Segments, groups and frames: from the nodes of a head, body, tail or layout to the model.
+"""Loader of segments, groups and frames: from the nodes of a head, body, tail or layout to the model.
 
-Includes are put in place, `where` is written into the fields, names that segments mention are resolved. Which kinds of
-segments there are, and how each is read, stands in `definition/kinds`.
+Includes are replaced by their segments, `where` is written into the fields, and names of segments are resolved. The
+kinds of segments and their readers are in `definition/kinds`.
 """
 
 from __future__ import annotations
@@ -35,17 +35,16 @@ from framekit.definition.tree import Entry, Mapping, Node, Scalar, Sequence
 MOST_SEGMENTS = 4000
 """Of one frame, with everything it includes."""
 MOST_LEVELS = 32
-"""Of a layout that stands in itself."""
+"""Largest depth of a layout that contains itself."""
 
 
 class SegmentLoader:
     """Reads lists of segments.
 
-    `space` gives the meaning of the names of types, tables and checks, `frames` finds those that an `inner` or `inside`
-    means by a name. `level`: how deep a layout that stands in itself is read. `side`: who sends the frame they belong
-    to. `aliases` collects what a named include stands for: its name → the names of its segments. `spoilt` says that
-    segments were left out because they are broken, `begun` is the layout that it reads by itself, `known` the names
-    that expressions may read beside values.
+    `space` gives the meaning of the names of types, tables and checks; `frames` finds the frames that `inner` and
+    `inside` name. `level`: depth of a layout that contains itself. `side`: sender of the frame. `aliases`: named
+    includes, each with the names of its segments. `spoilt`: whether broken segments were left out. `begun`: the layout
+    read by itself. `known`: the names that expressions may read in addition to values.
     """
 
     def __init__(self, space: Meanings, frames: FrameLoader, level: int = 1) -> None:
@@ -74,7 +73,7 @@ class SegmentLoader:
         return in_order(tuple(found))[0]
 
     def _number(self, item: Node) -> None:
-        """Includes of includes multiply; nothing sensible has so many segments."""
+        """Count a segment; raise Broken at the limit, which nested includes may reach."""
         self.read += 1
         if self.read == MOST_SEGMENTS and not self.space.too_much:
             self.space.too_much = True
@@ -92,7 +91,7 @@ class SegmentLoader:
         return KINDS[kinds[0]].load(self, keys)
 
     def common(self, keys: Mapping, kind: str) -> dict[str, Any]:
-        """What the keys say that all kinds have; a segment without a name gets one."""
+        """Return the attributes that all kinds have; a segment without a name gets an internal name."""
         reader = self.reader
         name = keys.get("name")
         if name is None:
@@ -131,7 +130,7 @@ class SegmentLoader:
         return self.frames.find(space, node)
 
     def nested(self, node: Node, depth: Node) -> str:
-        """Return the frame for a layout that stands in itself, one level deeper. Raises Broken."""
+        """Return the frame for a layout that contains itself, one level deeper. Raises Broken."""
         nodes, space = self.space.layout(node)
         most = self.reader.number(depth)
         if not 2 <= most <= MOST_LEVELS:
@@ -142,7 +141,7 @@ class SegmentLoader:
         return self.frames.nested(self.space, node, self.level + 1, most)
 
     def _circle(self, node: Node, names: list[str]) -> Broken:
-        """Layouts that include each other; told once, whichever of them it was found from."""
+        """Return the error for layouts that include each other; each circle is noted once."""
         if frozenset(names) in self.space.circles:
             return Broken(names[0])
         self.space.circles.add(frozenset(names))
@@ -173,7 +172,7 @@ def _stands_in(wanted: Sequence, space: Meanings, nodes: Node, seen: list[Node])
 
 
 def in_order(*lists: Segments) -> list[Segments]:
-    """Lists that stand one behind the other, with every value that takes no bytes behind what it follows from."""
+    """Return adjacent lists with every value without bytes moved after the segments it depends on."""
     if not any(segment.follows for segments in lists for segment in segments):
         return list(lists)
     late = {name for segments in lists for segment in segments for name in _names_of(segment)}
@@ -210,7 +209,7 @@ def _read_by(value: Segment) -> set[str]:
 
 
 def _names_everywhere(space: Meanings) -> set[str]:
-    """Return the names of a file that its expressions may read wherever they stand."""
+    """Return the names of a file that its expressions may read anywhere."""
     return {name for section in ("params", "state", "tables", "queues") for name in space.section(section)}
 
 
@@ -225,7 +224,7 @@ Parts = tuple[Segments, Segments, Segments]
 
 @dataclass(frozen=True, slots=True)
 class Where:
-    """What one field is fixed to: constants as written, or a `build` expression."""
+    """Values fixed for a field: constants as written, or a `build` expression."""
 
     key: Scalar
     constants: tuple[Scalar, ...] = ()
@@ -233,7 +232,7 @@ class Where:
 
 
 def load_where(reader: Reader, node: Node) -> dict[str, Where]:
-    """`{field: constant | [constants] | {build: EXPR}}`. Raises Broken."""
+    """Read `{field: constant | [constants] | {build: EXPR}}`. Raises Broken."""
     result = {}
     for entry in reader.entries(node):
         if isinstance(entry.value, Mapping):
@@ -260,7 +259,7 @@ def apply_where(reader: Reader, parts: Parts, wheres: dict[str, Where], frame: S
 
 
 class MissingSegments:
-    """Names of segments that are not there. What a group says is told once for all of its frames."""
+    """Names of missing segments. A name in a group is noted once for all of its frames."""
 
     def __init__(self, reader: Reader) -> None:
         self.reader = reader
@@ -268,11 +267,11 @@ class MissingSegments:
         self.found: dict[tuple[Position, str], dict[str, set[str]]] = {}
 
     def add(self, at: Position, name: str, whose: str, known: Iterable[str]) -> None:
-        """`whose`: what lacks the segment, such as `frame 'A'`. `known`: the names that it has."""
+        """Add a missing name. `whose`: the part that lacks it, such as `frame 'A'`; `known`: its names."""
         self.found.setdefault((at, name), {})[whose] = {one for one in known if not one.startswith("_")}
 
     def tell(self) -> None:
-        """Notes what was found since the last time, each place once."""
+        """Note the names added since the last call, each place once."""
         for (at, name), known in self.found.items():
             if (at, name) not in self.told:
                 first, *others = known
@@ -284,23 +283,23 @@ class MissingSegments:
 
 
 BODY = "body"
-"""What stands for the whole body of a frame."""
+"""Name for the whole body of a frame."""
 
 
 def resolve_references(
     parts: Parts, aliases: dict[str, tuple[str, ...]], whose: str, missing: MissingSegments
 ) -> Parts:
-    """The segments with their paths, and with named includes, `body` and bit names written out; names that are not
-    there are noted.
+    """Return the segments with their paths, and with named includes, `body` and bit names expanded; missing names are
+    noted.
 
-    `whose`: what the segments are of, such as `frame 'A'`.
+    `whose`: the owner of the segments, such as `frame 'A'`.
     """
     head, body, tail = map(with_holders, _resolved(parts, aliases, whose, missing))
     return head, body, tail
 
 
 def _resolved(parts: Parts, aliases: dict[str, tuple[str, ...]], whose: str, missing: MissingSegments) -> Parts:
-    """Return the segments of a frame or record, those of records in it too, with the names in them written out."""
+    """Return the segments of a frame or record, inner records included, with their names expanded."""
     head, body, tail = parts
     names = {segment.name: segment for segment in flat(head + body + tail) if segment.name}
     meant = dict(aliases)
@@ -314,7 +313,7 @@ def _resolved(parts: Parts, aliases: dict[str, tuple[str, ...]], whose: str, mis
 
 
 class _Resolver:
-    """What names mean in one frame or record. `meant`: names that stand for others."""
+    """Meanings of names in a frame or record. `meant`: names that stand for others."""
 
     def __init__(
         self, names: dict[str, Segment], meant: dict[str, tuple[str, ...]], whose: str, missing: MissingSegments
@@ -326,11 +325,13 @@ class _Resolver:
         self.missing = missing
 
     def inside(self, segments: Segments) -> Segments:
-        """Return the segments of a record inside, where names stand for the same."""
+        """Return the segments of an inner record, in which names have the same meaning."""
         return _resolved(((), segments, ()), dict(self.meant), self.whose, self.missing)[1]
 
     def written_out(self, names: tuple[str, ...], at: Position, *, may_be_empty: bool = True) -> tuple[str, ...]:
-        """The segments on the wire that names stand for; none for a body without any, where that `may_be_empty`."""
+        """Return the segments on the wire that names stand for; an empty tuple for a body without any if
+        `may_be_empty`.
+        """
         result: list[str] = []
         for name in names:
             meant = [name] if name in self.names else self.meant.get(name)
@@ -344,7 +345,7 @@ class _Resolver:
         return tuple(result)
 
     def at_offset(self, offset: int, at: Position, which: int) -> str:
-        """Return the segment that begins (`which` 0) or ends (-1) so many bytes from the start."""
+        """Return the segment that begins (`which` 0) or ends (-1) at a constant offset from the start."""
         place = 0
         for name, segment in self.names.items():
             size = fixed_size(segment)
@@ -374,9 +375,8 @@ GROUP_KEYS = frozenset({*INHERITED, "where", "extends"})
 
 @dataclass(frozen=True, slots=True)
 class Outline:
-    """What is known of a frame before it is read: its place, its groups (nearest first), and whether it is refused.
-
-    `lacks_group`: a group of it is not there, which has been told.
+    """Properties of a frame known before it is read: its place, its groups (nearest first), and whether it is
+    refused.
     """
 
     name: str
@@ -386,10 +386,11 @@ class Outline:
     refused: bool
     inner: bool
     lacks_group: bool
+    """Whether one of its groups is missing, which has been noted."""
 
 
 class FrameLoader:
-    """Reads the frames of a namespace, and those of used files that an `inner` asks for."""
+    """Reads the frames of a namespace, and the inner frames of used files."""
 
     def __init__(self, space: Namespace) -> None:
         self.space = space
@@ -425,7 +426,8 @@ class FrameLoader:
                 )
 
     def _chain(self, space: Namespace, node: Node | None, own: str = "") -> Iterator[str]:
-        """The group that a node names, and the groups that one extends. Raises Broken for a circle behind a frame.
+        """Yield the group that a node names, and the groups that it extends. Raises Broken for a circle of groups of a
+        frame.
 
         `own`: the group that extends the first of them.
         """
@@ -445,7 +447,7 @@ class FrameLoader:
             node = value.get("extends") if isinstance(value, Mapping) else None
 
     def members(self, name: str) -> tuple[str, ...]:
-        """Return the frames of a group, those that exist to be refused last; a frame stands for itself."""
+        """Return the frames of a group, refused frames last; a frame stands for itself."""
         if name in self.outlines:
             return (name,)
         frames = [outline for outline in self.outlines.values() if name in outline.groups]
@@ -455,7 +457,7 @@ class FrameLoader:
         return name in self.outlines or name in self.groups
 
     def find(self, space: Namespace, node: Node) -> tuple[str, ...]:
-        """Return the frames that `GROUP`, `FRAME` or `FILE.GROUP` means. Raises Broken when there is no such name."""
+        """Return the frames that `GROUP`, `FRAME` or `FILE.GROUP` names. Raises Broken for an unknown name."""
         name = self.reader.text(node)
         if self.knows(name):
             return self.members(name)
@@ -474,7 +476,7 @@ class FrameLoader:
     # ---- then the frames ----------------------------------------------------------------------------------
 
     def load_all(self) -> dict[str, Frame]:
-        """Return all frames; reading one may bring in those of a used file, which are read too."""
+        """Return all frames; reading a frame may add frames of a used file, which are read too."""
         tried: set[str] = set()
         while missing := [outline for name, outline in self.outlines.items() if name not in tried]:
             for outline in missing:
@@ -485,7 +487,8 @@ class FrameLoader:
         return self.frames
 
     def nested(self, space: Meanings, node: Node, level: int, most: int) -> str:
-        """The frame for a layout that stands in itself so deep; one behind the greatest depth fits nothing.
+        """Return the frame for a layout that contains itself, at a depth; beyond the greatest depth a frame that never
+        matches.
 
         Raises Broken.
         """
@@ -545,7 +548,7 @@ class FrameLoader:
         return "both" if node is None else SIDES.get(self.reader.text(node), "both")
 
     def _inherited(self, space: Namespace, groups: tuple[str, ...]) -> dict[str, Node]:
-        """Return the keys of a group, the first, over those of the groups it extends."""
+        """Return the keys of the first group, combined with the keys of the groups it extends."""
         found: dict[str, Node] = {}
         for name in reversed(groups):
             value = space.section("groups")[name].entry.value
@@ -602,7 +605,7 @@ class FrameLoader:
         )
 
     def _keys_known(self, outline: Outline, own: Mapping) -> bool:
-        """Whether all keys of a frame and its groups are known; else what is missing may stand under another one."""
+        """Return whether all keys of a frame and its groups are known; otherwise a missing key may be misspelt."""
         groups = outline.space.section("groups")
         values = [groups[name].entry.value for name in outline.groups]
         return all(entry.key.text in FRAME_KEYS for entry in own.entries) and all(
@@ -610,7 +613,7 @@ class FrameLoader:
         )
 
     def _announced(self, entries: Iterable[Entry]) -> Iterator[Announced]:
-        """`variable: EXPR` or `table[EXPR]: EXPR`; those that are broken are left out after their problem is noted."""
+        """Yield announcements `variable: EXPR` or `table[EXPR]: EXPR`; broken entries are noted and left out."""
         for entry in entries:
             with self.reader.going_on():
                 name, key, field = self.reader.target(entry.key)

@@ -1,4 +1,4 @@
-"""What names of a definition mean: entries of its own sections, of its application's, and of the files it uses."""
+"""Names of a definition: entries of its own sections, of its application's, and of the files it uses."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def _table_value(reader: Reader, node: Node) -> TableValue:
 
 
 def load_check(reader: Reader, entry: Entry) -> CheckMethod:
-    """`{method: sum8, complement: twos}`, `{fold: EXPR, initial: N}` or the parameters of a CRC. Raises Broken."""
+    """Read `{method: sum8, complement: twos}`, `{fold: EXPR, initial: N}` or the parameters of a CRC. Raises Broken."""
     method = _method(reader, entry, reader.mapping(entry.value))
     fault = method.fault()
     if fault is not None:
@@ -105,7 +105,7 @@ def _crc(reader: Reader, name: str, node: Mapping) -> CheckMethod:
 
 @dataclass(frozen=True, slots=True)
 class Owned:
-    """An entry of a section and the source it stands in; `inner` when that is the application of a protocol."""
+    """An entry of a section and its source; `inner` if the source is the application of a protocol."""
 
     entry: Entry
     source: SourceText
@@ -171,7 +171,9 @@ class Namespace:
         return self._sections[key]
 
     def elsewhere(self, name: str) -> tuple[str, Namespace] | None:
-        """For `FILE.name`: the name and the namespace of FILE, which is used, or this definition's application."""
+        """For `FILE.name`, return the name and its namespace, of a used file or of this definition's application; else
+        None.
+        """
         prefix, dot, rest = name.partition(".")
         if not dot:
             return None
@@ -225,7 +227,7 @@ class Namespace:
 
 
 def used_entries(space: Namespace, section: str) -> dict[str, tuple[Namespace, Owned]]:
-    """Entries of a section in the files used, also indirectly; the nearest wins."""
+    """Return the entries of a section in the files used, also indirectly; the nearest wins."""
     found: dict[str, tuple[Namespace, Owned]] = {}
     for used in space.uses.values():
         for name, owned in used.section(section).items():

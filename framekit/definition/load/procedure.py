@@ -26,7 +26,7 @@ class ValueLoader:
         self.frames = frames
 
     def value(self, node: Node | None) -> Value:
-        """Any value. Raises Broken."""
+        """Read any value. Raises Broken."""
         if isinstance(node, Mapping):
             return self._mapping(node)
         if isinstance(node, Items):
@@ -34,7 +34,7 @@ class ValueLoader:
         return self.reader.expression(node)
 
     def sent(self, node: Node | None) -> Value:
-        """What `send` and `deliver` take: also the bare name of a frame."""
+        """Read the value of `send` or `deliver`, which may also be the bare name of a frame."""
         if isinstance(node, Scalar) and node.text in self.frames.outlines:
             return FrameOf(node.text, {}, node.at)
         return self.value(node)
@@ -43,7 +43,7 @@ class ValueLoader:
         return {entry.key.text: self.value(entry.value) for entry in self.reader.entries(node)}
 
     def filled(self, node: Node | None) -> dict[str, Value]:
-        """What fields of a constructor are given: values, and numbers with a fraction, which stand alone."""
+        """Return the values for the fields of a constructor: values, or plain numbers with a fraction."""
         return {entry.key.text: self._given(entry.value) for entry in self.reader.entries(node)}
 
     def _given(self, node: Node) -> Value:
@@ -51,11 +51,14 @@ class ValueLoader:
         return self.value(node) if real is None else real
 
     def frame_of(self, node: Node | None) -> FrameOf:
-        """`{frame: {…}}` where a frame must stand. Raises Broken."""
+        """Read `{frame: {…}}` at a place that requires a frame. Raises Broken."""
         return self._frame(self.only_entry(node))
 
     def only_entry(self, node: Node | None) -> Entry:
-        """The one entry of a mapping. Raises Broken for another number, at the place where a schema tells it."""
+        """Return the only entry of a mapping.
+
+        Raises Broken for another number of entries, at the place where a schema reports it.
+        """
         mapping = self.reader.mapping(node)
         entries = mapping.read_all()
         if len(entries) != 1:
@@ -97,10 +100,10 @@ class ValueLoader:
         found = self.space.elsewhere(name)
         return found is not None and found[0] in found[1].section("layouts")
 
-    # ---- what `set` writes --------------------------------------------------------------------------------
+    # ---- targets of `set` ---------------------------------------------------------------------------------
 
     def settings(self, node: Node | None) -> tuple[tuple[Target, Value], ...]:
-        """`set: {target: value}` in the order written."""
+        """Return the targets and values of `set: {target: value}` in the order written."""
         return tuple((self.target(entry.key), self.value(entry.value)) for entry in self.reader.entries(node))
 
     def target(self, key: Scalar) -> Target:
@@ -108,7 +111,7 @@ class ValueLoader:
         return Target(name, index, field)
 
     def expressions(self, node: Node | None, besides: str = "") -> dict[str, Expression]:
-        """The expressions of a mapping by name; what stands at the key `besides` is read elsewhere."""
+        """Return the expressions of a mapping by name, without the key `besides`."""
         entries = (entry for entry in self.reader.entries(node) if entry.key.text != besides)
         return {entry.key.text: self.reader.expression(entry.value) for entry in entries}
 
@@ -129,7 +132,7 @@ class ProcedureLoader:
         self.partly: set[str] = set()
 
     def _maybe(self, read: Callable[[Node], T], node: Node | None) -> T | None:
-        """What stands under a key; None for nothing, and for something broken: the rest is read all the same."""
+        """Read the value of a key; return None if it is missing or broken, so that the rest is read all the same."""
         try:
             return None if node is None else read(node)
         except Broken:
@@ -139,25 +142,27 @@ class ProcedureLoader:
     def _spoil(self) -> None:
         self.spoilt = True
 
-    # ---- what keys of steps, rows and actions hold ----------------------------------------------------------
+    # ---- values of the keys of steps, rows and actions ------------------------------------------------------
 
     def action(self, node: Node) -> Action:
-        """One action; a bare word stands for `then`. Raises Broken."""
+        """Read an action; a bare word stands for `then`. Raises Broken."""
         if isinstance(node, Scalar):
             return Action(at=node.at, places={"then": node.at}, then=node.text)
         return self._read(Action, node)
 
     def _read(self, part: type[P], node: Node) -> P:
-        """What a mapping says by the keys of its class; keys that are broken are left out."""
+        """Read a mapping by the keys of its class; broken keys are left out."""
         mapping = self.reader.mapping(node)
         return part(at=mapping.at, places=places_of(mapping), **read_keys(part, self, mapping, self._spoil))
 
     def actions(self, node: Node) -> tuple[Action, ...]:
-        """One action or a list of them."""
+        """Read an action or a list of them."""
         return tuple(self.action(item) for item in self.reader.items(node))
 
     def sent(self, node: Node) -> Value:
-        """What `send` and `deliver` take; `reply` is what the sequence has served, even where a frame is called so."""
+        """Read the value of `send` or `deliver`; `reply` is the reply of the served request, even if a frame has this
+        name.
+        """
         served = self.serves and isinstance(node, Scalar) and node.text == "reply"
         return self.values.value(node) if served else self.values.sent(node)
 
@@ -199,14 +204,14 @@ class ProcedureLoader:
         return {entry.key.text: self.reader.text(entry.value) for entry in self.reader.entries(keys.get("into"))}
 
     def ask(self, node: Node) -> FrameOf:
-        """`{service: {argument: value}}`: the service's name stands where a constructor has its frame."""
+        """Read `{service: {argument: value}}`; the name of the service takes the place of a constructor's frame."""
         entry = self.values.only_entry(node)
         return FrameOf(entry.key.text, self.values.fields(entry.value), entry.key.at)
 
     # ---- sequences ----------------------------------------------------------------------------------------
 
     def sequence(self, entry: Entry) -> Sequence:
-        """Raises Broken when nothing of it can be read."""
+        """Read a sequence. Raises Broken if no step can be read."""
         reader, keys = self.reader, self.reader.mapping(entry.value)
         self.spoilt = False
         items = reader.items(keys.get("steps"))

@@ -1,13 +1,14 @@
-"""What is resolved of names: those of numbers and `station:` of rows, when all frames are known; the words of items.
+"""Resolution of names once all frames are known: names of numbers, `station:` of rows, the words of items.
 
-Each field's names are narrowed to the frames that are meant: `it` of a row means its frames, `request` and `reply` of a
-service row the frames it sends and takes. `station:` becomes a condition: the station that the frame names is this one.
+The fields behind a name are narrowed to the relevant frames: for `it` of a row its frames, for `request` and `reply` of
+a service row the frames it sends and takes. `station:` becomes a condition: the station that the frame names is this
+one.
 
-Which field of a frame is its station follows from what fills it: services and sequences that build the frame say
-`{frame: {field: station}}`, or an expression over `station`, parameters, tables and numbers. No field's name means
-anything, except where nothing builds a frame: there a field called `station` is one. Fields that a parameter fills
-(`{frame: {device: device_id}}`, or their `default:`) are compared in the same place, but for parameters that only the
-client has or that are secret, and for fields that a row of services judges itself.
+The field of a frame that holds its station follows from the values that fill it: services and sequences that build the
+frame contain `{frame: {field: station}}`, or an expression over `station`, parameters, tables and numbers. The name of
+a field has no meaning by itself, except if no constructor builds the frame: then a field called `station` is its
+station. Fields that a parameter fills (`{frame: {device: device_id}}`, or their `default:`) are compared at the same
+place, except parameters that only the client has or that are secret, and fields that a row of services judges itself.
 """
 
 from __future__ import annotations
@@ -63,7 +64,7 @@ from framekit.definition.model.values import FrameOf, RecordOf, Value
 from framekit.definition.problems import Position, did_you_mean
 
 NumbersOf = Callable[[Node], "Mapping[str, int] | None"]
-"""The numbers behind the names of what a node reads; None when it has no names."""
+"""Function that returns the numbers by name for the field that a node reads; None if it has no names."""
 
 
 def resolve_names(reader: Reader, value: Any, numbers_of: NumbersOf) -> Any:
@@ -131,7 +132,9 @@ class _Fields:
 
 
 def numbers_by_name(named: Iterable[tuple[str, Mapping[int, str] | None]]) -> dict[str, Mapping[str, int] | None]:
-    """Field name → numbers by name; None for a name whose fields do not agree (one has no values, or others)."""
+    """Return the numbers by name for each field; None for a name whose fields differ (in their names, or in having
+    any).
+    """
     result: dict[str, Mapping[str, int] | None] = {}
     for name, values in named:
         numbers = None if values is None else {text: number for number, text in values.items()}
@@ -157,7 +160,7 @@ class NumberNames:
         self.everywhere = numbers_by_name(named)
 
     def frame(self, frame: Frame) -> Frame:
-        """Return the frame, where a name in an expression is that of the innermost record which has it."""
+        """Return the frame, with each name in an expression resolved in the innermost record that has it."""
         own = _Fields(
             {path for one in everything(frame.segments) for path in map(one.sibling_path, one.value_names)},
             numbers_by_name(self.by_frame[frame.name]),
@@ -177,7 +180,7 @@ class NumberNames:
         return change_all(segments, change)
 
     def _resolved(self, value: Any, segment: Segment | None, own: _Fields) -> Any:
-        """Resolve what stands in a segment; None: in the frame itself."""
+        """Resolve the names in a segment; None: in the frame itself."""
 
         def numbers(node: Node) -> Mapping[str, int] | None:
             name, *fields = _way_to(node)
@@ -195,7 +198,7 @@ class NumberNames:
         return self.everywhere.get(node.name) if isinstance(node, (Name, Attribute)) else None
 
     def sequence(self, sequence: Sequence) -> Sequence:
-        """Rows first, with `it` narrowed to their frames; what is resolved there is a number already afterwards."""
+        """Resolve the rows first, with `it` narrowed to their frames, then the rest of the sequence."""
         return self.plainly(_rows_changed(sequence, self._row))
 
     def _row(self, row: Row) -> Row:
@@ -210,7 +213,7 @@ class NumberNames:
         return resolved
 
     def service(self, row: ServiceRow) -> ServiceRow:
-        """`request` and `reply` narrowed to the frames of the row."""
+        """Resolve a row, with `request` and `reply` narrowed to its frames."""
         sent = () if row.request is None else self.by_frame.get(row.request.frame, ())
         replies = [reply.frame.frame for reply in row.reply if reply.frame is not None]
         frames = {
@@ -265,7 +268,7 @@ Path = tuple[str, ...]
 """A field's way through the records of a frame."""
 
 Way = tuple[tuple[Path, Expression], ...]
-"""How one constructor fills the station of a frame: fields and what is in them."""
+"""A way in which a constructor fills the station of a frame: fields with their expressions."""
 
 
 @dataclass(frozen=True)
@@ -280,7 +283,7 @@ class Stations:
     given: Mapping[str, set[str]]
     settings: Mapping[str, Mapping[Path, tuple[Expression, ...]]]
     padding: Mapping[str, Mapping[Path, str]]
-    """Frame → fields that are filled up, and with what, as the language writes it."""
+    """Frame → padded fields, each with its padding as a literal of the language."""
 
     @classmethod
     def derived(
@@ -290,10 +293,11 @@ class Stations:
         shared: Iterable[str],
         parameters: Mapping[str, Parameter],
     ) -> Stations:
-        """`built`: constructors, each with the names that mean something else there (arguments, variables), and the
-        fields that are judged there.
+        """Derive the stations of frames from constructors.
 
-        `shared`: what an expression may read beside `station`, as both sides have it.
+        `built`: constructors, each with the names that have another meaning there (arguments, variables), and the
+        fields that are judged there. `shared`: the names that an expression may read in addition to `station`, because
+        both sides have them.
         """
         known = {STATION, *shared}
         constructors: dict[str, list[dict[Path, Expression]]] = {}
@@ -319,7 +323,7 @@ class Stations:
         return cls(ways, given, settings, {name: dict(_padding(frames[name].segments)) for name in {*ways, *settings}})
 
     def compared(self, reader: Reader, sequence: Sequence) -> Sequence:
-        """The sequence with what each `station:` comes to in the `when` of its row."""
+        """Return the sequence with each `station:` expressed in the `when` of its row."""
         return _rows_changed(sequence, lambda row: row if row.station is None else self._row(reader, row, row.station))
 
     def _row(self, reader: Reader, row: Row, station: Expression) -> Row:
@@ -343,7 +347,7 @@ class Stations:
         return replace(row, when=when)
 
     def _settings_of(self, row: Row) -> Iterator[tuple[Path, tuple[Expression, ...], list[str]]]:
-        """Fields that parameters fill, what is in them, and the frames of the row where it is so."""
+        """Yield the fields that parameters fill, their expressions, and the frames of the row with them."""
         found: dict[tuple[Path, str | None, tuple[str, ...]], tuple[tuple[Expression, ...], list[str]]] = {}
         for name in row.frames:
             for path, values in self.settings.get(name, {}).items():
@@ -354,7 +358,7 @@ class Stations:
 
 
 def _filled(given: Mapping[str, Value], segments: tuple[Segment, ...]) -> Iterator[tuple[Path, Expression]]:
-    """Fields that there are, with what is given for them."""
+    """Yield the existing fields with the given values."""
     there = by_value_name(segments)
     for name, value in given.items():
         if isinstance(value, Expression) and name in there:
@@ -366,7 +370,7 @@ def _filled(given: Mapping[str, Value], segments: tuple[Segment, ...]) -> Iterat
 def _defaults(
     given: Mapping[str, Value], segments: tuple[Segment, ...], parameters: Collection[str]
 ) -> Iterator[tuple[Path, Expression]]:
-    """Fields for which nothing is given, and whose default tells a parameter."""
+    """Yield the fields without a given value whose default depends on a parameter."""
     for name, segment in by_value_name(segments).items():
         default = segment.default if isinstance(segment, Field) else None
         if default is not None and name not in given and tells_setting(default, parameters):
@@ -376,12 +380,12 @@ def _defaults(
 
 
 def _conditions(segments: Iterable[Segment]) -> Iterator[Expression]:
-    """What the frame itself requires, and refuses with a code of its own where it does not hold."""
+    """Yield the conditions that the frame itself requires, with a refusal of its own."""
     yield from (one.condition for one in flat(segments) if isinstance(one, Require))
 
 
 def _padding(segments: tuple[Segment, ...]) -> Iterator[tuple[Path, str]]:
-    """Fields that are filled up: data keep what fills them when they are read, texts lose it."""
+    """Yield the padded fields: data keep their padding when they are read, texts lose it."""
     for name, segment in by_value_name(segments).items():
         if isinstance(segment, Data) and segment.pad is not None:
             yield (name,), f"h'{segment.pad:02X}'"
@@ -402,7 +406,7 @@ def _ways(constructors: list[dict[Path, Expression]]) -> tuple[Way, ...]:
 def _settings(
     filled: Mapping[Path, list[Expression | None]], compared: Collection[str]
 ) -> dict[Path, tuple[Expression, ...]]:
-    """Fields that hold a parameter which both sides have, or else a constant, whatever builds the frame."""
+    """Return the fields that every constructor fills with a parameter of both sides, or else with a constant."""
     found: dict[Path, tuple[Expression, ...]] = {}
     for path, values in filled.items():
         known = {value.text: value for value in values if value is not None}
@@ -413,14 +417,16 @@ def _settings(
 
 
 def _texts(ways: Iterable[Way]) -> tuple[tuple[Path, str], ...]:
-    """What ways have in common that say the same in different places."""
+    """Return a key of ways: equal for ways with equal texts at different places."""
     return tuple((path, value.text) for way in ways for path, value in way)
 
 
 def _condition(
     ways: tuple[Way, ...], others: list[str], station: Expression, padding: Mapping[Path, str]
 ) -> Expression:
-    """`'field' not in it or it.field == station`, for each way; `others` use such a field otherwise."""
+    """Return `'field' not in it or it.field == station`, for each way; `others`: frames that use such a field
+    otherwise.
+    """
     at = station.at
     texts, nodes = [], list[Node]()
     first = ways[0][0][0][0]
@@ -438,7 +444,7 @@ def _condition(
 
 
 def _same(path: Path, value: Expression, station: Expression, at: Position, pad: str | None) -> tuple[str, Node]:
-    """Whether the field holds what `value` is for this station, or that filled up with `pad`."""
+    """Return the comparison of a field with `value` for this station, padded with `pad` if given."""
     node: Node = Name(at, "it")
     for name in path:
         node = Attribute(at, node, name)
@@ -462,10 +468,11 @@ def _put(node: Any, station: Node) -> Any:
 
 
 def with_item_words(segments: Segments, known: Collection[str], in_item: bool = False) -> Segments:
-    """The segments with the words of items resolved; `known`: what else is known here. `in_item`: they are an item.
+    """Return the segments with the words of items resolved.
 
-    They get names that nothing else has; a field, variable, parameter, table or queue of that name goes before the
-    word. So both compilers and the checker see only names that mean one thing.
+    `known`: other known names; `in_item`: the segments are an item. The words are replaced by unique internal names; a
+    field, variable, parameter, table or queue with the name of a word takes precedence over it. So both compilers and
+    the checker see only unambiguous names.
     """
     names = {*known, *field_names(segments)}
     meant = {word: name for word, name in ITEM_WORDS.items() if word not in names} if in_item else {}
@@ -479,7 +486,7 @@ def with_item_words(segments: Segments, known: Collection[str], in_item: bool = 
 
 
 def _inside(holder: Segment, of: Segments, names: Collection[str], in_item: bool) -> Segments:
-    """Return the segments of a record or of an item; where only an item's end shows if it is the last, it says so."""
+    """Return the segments of a record or an item; an item whose end shows whether it is the last gets an `ItemEnd`."""
     found = with_item_words(of, names, in_item or holder.is_list)
     if isinstance(holder, Repeat) and holder.times == "rest" and LAST in names_read_in(found):
         found = (*found, ItemEnd(at=holder.at))
@@ -487,7 +494,7 @@ def _inside(holder: Segment, of: Segments, names: Collection[str], in_item: bool
 
 
 def _renamed(segment: Segment, meant: Mapping[str, str]) -> Segment:
-    """A segment with names in its own expressions replaced; what it holds is left as it is."""
+    """Return a segment with names in its own expressions replaced; inner segments are left unchanged."""
 
     def name(node: Any) -> Any:
         if isinstance(node, Name) and node.name in meant:

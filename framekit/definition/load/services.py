@@ -47,7 +47,7 @@ class ServiceLoader:
         return tuple(found)
 
     def place(self, node: Node) -> PlaceOf:
-        """Areas, units and the name of an item are written as bare words; everything else is a value."""
+        """Read a place: areas, units and the name of an item are bare words; everything else is a value."""
         found, areas = {}, self.space.section("areas")
         for entry in self.reader.entries(node):
             key, value = entry.key.text, entry.value
@@ -83,7 +83,7 @@ class ServiceLoader:
         return read_part(CommandRules, self, keys)
 
     def errors(self, node: Node) -> Errors:
-        """Raises Broken."""
+        """Read the section `errors`. Raises Broken."""
         for frame in self.reader.items(self.reader.mapping(node).get("frame")):
             if not self.values.frames.members(self.reader.text(frame)):
                 raise self.reader.unknown(frame.at, "frame", self.reader.text(frame), list(self.values.frames.outlines))
@@ -143,7 +143,7 @@ def _area(reader: Reader, scalar: Scalar, areas: Collection[str]) -> Expression 
 
 
 MOST_OPTIONAL = 4
-"""A form has so many optional parts at most: each doubles the ways to read an address."""
+"""Largest number of optional parts of a form: each doubles the ways to read an address."""
 
 
 class _Parts:

@@ -1,6 +1,6 @@
-"""Check methods: what a check code is worked out with, as plain parameters; those that every definition may name.
+"""Check methods: the parameters of a check code; the ready methods that every definition may name.
 
-Codes made with a key (MACs) are among them: HMAC (RFC 2104) and AES-CMAC (RFC 4493). `codec` works all of them out.
+Codes made with a key (MACs) are among them: HMAC (RFC 2104) and AES-CMAC (RFC 4493). `codec` computes all of them.
 """
 
 from __future__ import annotations
@@ -19,15 +19,17 @@ from framekit.definition.problems import Position, Problem, plural, without_libr
 
 
 class Mac(NamedTuple):
-    """A code of `size` bytes. `key_sizes`: the keys there are, any if none stands here; `is_extra`: by an extra."""
+    """A code of `size` bytes made with a key."""
 
     size: int
     key_sizes: tuple[int, ...] = ()
+    """Possible sizes of the key (bytes); empty for any."""
     is_extra: bool = False
+    """Whether it requires the extra `cryptography`."""
 
 
 AES_KEY_SIZES = (16, 24, 32)
-"""Bytes that a key of AES may have. `aes_key` of `codec/ciphers.py`, which generated modules carry, says the same."""
+"""Sizes of AES keys (bytes); equal to those in `aes_key` of `codec/ciphers.py`, which generated modules include."""
 
 MACS: Mapping[str, Mac] = {
     "hmac-md5": Mac(16),
@@ -41,17 +43,17 @@ MACS: Mapping[str, Mac] = {
 """The codes by name."""
 
 LIBRARY = "cryptography"
-"""What makes some codes, and enciphers; it is an extra."""
+"""Library for some codes and for ciphers; it is an extra."""
 
 
 def not_installed(at: Position, what: str) -> Iterator[Problem]:
-    """That the library is not there which `what` needs; nothing if it is."""
+    """Report a missing library that `what` needs."""
     if find_spec(LIBRARY) is None:
         yield Problem(at, *without_library(what, LIBRARY))
 
 
 def wrong_size(name: str, value: Expression, allowed: tuple[int, ...], what: str) -> Iterator[Problem]:
-    """That bytes which the definition itself gives are too few or too many."""
+    """Report constant bytes in the definition whose number is not allowed."""
     if isinstance(value.root, Bytes) and len(value.root.value) not in allowed:
         told = f"{name} has {plural(len(value.root.value), 'byte')}"
         yield Problem(value.root.at, told, what)
@@ -67,18 +69,18 @@ WIDEST = 128
 class CheckMethod:
     """A way to compute a check code of `width` bits over bytes.
 
-    The code starts at `initial`, every byte is worked in, the result is cut to `width` bits, complemented, and at last
-    combined with `mask` by AND (None: every bit counts). What "worked in" means is the `kind`:
+    The code starts at `initial`, every byte is processed, the result is cut to `width` bits, complemented, and at last
+    combined with `mask` by AND (None: every bit counts). The processing depends on `kind`:
 
     - `sum`: bytes are added; `sum7`: the same, cut to 7 bits.
-    - `word_sum`: words of two bytes in `order` are added. An odd last byte is a word with 00 behind it.
+    - `word_sum`: words of two bytes in `order` are added. An odd last byte is a word with 00 after it.
     - `xor`: bytes are combined by exclusive or; `xor7`: the same, cut to 7 bits. A width of more than 8 bits takes
-      words of so many bytes in `order`, the last one filled up with 00 behind.
+      words of so many bytes in `order`, the last one filled up with 00 at its end.
     - `or`: bytes are combined by OR. `multiply`: bytes are multiplied (ready methods start at 1).
     - `crc`: polynomial division with the catalogue's parameters; `initial` is its init: the register before the first
-      byte, highest power in the highest bit whatever `refin` says.
+      byte, highest power in the highest bit whatever `refin` is.
     - one of `MACS`: a code made with a key, which the check gives.
-    - `code`: `expression` over `data`, all that counts, gives the bytes of the code; those are not shown, as of MACs.
+    - `code`: `expression` over `data`, all covered bytes, gives the bytes of the code; those are not shown, as of MACs.
     - `fold`: `expression` over `acc` and `byte` gives the next `acc`; compilers give it its meaning.
 
     `poly`, `refin`, `refout`, `xorout` are for `crc` only, `expression` for `fold` and `code` only.
@@ -99,12 +101,12 @@ class CheckMethod:
 
     @property
     def size(self) -> int:
-        """Bytes the code takes when it is sent as a plain number."""
+        """Return the size of the code as a plain number (bytes)."""
         return (self.width + 7) // 8
 
     @property
     def is_keyed(self) -> bool:
-        """Whether only who has a key can work it out."""
+        """Return whether a key is required to compute the code."""
         return self.kind in MACS or self.kind == "code"
 
     @property
@@ -113,7 +115,7 @@ class CheckMethod:
         return self.kind != "fold" and not self.is_keyed
 
     def fault(self) -> str | None:
-        """What is wrong with the parameters, in one sentence; None if nothing is."""
+        """Return the fault of the parameters, in one sentence; None if they are correct."""
         if self.kind not in CHECK_KINDS:
             return f"'{self.kind}' is no kind of check"
         if self.kind in MACS and self != CheckMethod(name=self.name, kind=self.kind, width=8 * MACS[self.kind].size):
@@ -197,9 +199,9 @@ ADDED: dict[str, CheckMethod] = {}
 
 
 def add_method(method: CheckMethod, module: str) -> None:
-    """A method that definitions may name from now on, of a kind of its own, which a module brings.
+    """Register a method for definitions, of a kind of its own; `module`: the module that provides it.
 
-    Raises ValueError for a name that another module has, and where the parameters do not fit together.
+    Raises ValueError for a name that another module has, and for parameters that do not fit together.
     """
     fault = replace(method, kind="sum").fault()
     if fault is not None:

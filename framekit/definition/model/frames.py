@@ -1,8 +1,8 @@
-"""Groups and frames with everything inherited and included put in place (guide: frames).
+"""Groups and frames, with all inheritance and includes resolved (guide: frames).
 
-Walks over a model: every segment of a list in order, what their values are called, every expression in a part. The
-segments say themselves what they hold (`blocks`, `inner_record`, `value_names`), whatever their kind. Static sizes of
-frames, and the bytes they may have.
+Also walks over a model: the segments of a list in order, the names of their values, the expressions in a part. Segments
+of every kind give their contents by `blocks`, `inner_record` and `value_names`. Also the static sizes of frames, and
+their possible bytes.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ T = TypeVar("T")
 
 
 def flat(segments: Iterable[Segment]) -> Iterator[Segment]:
-    """Segments whose values belong to one record: also those in wraps, choices and optional parts."""
+    """Yield the segments whose values belong to one record, including those in wraps, choices and optional parts."""
     for segment in segments:
         yield segment
         for block in segment.blocks:
@@ -42,7 +42,9 @@ def everything(segments: Iterable[Segment]) -> Iterator[Segment]:
 
 
 def leaves(segments: Iterable[Segment]) -> Iterator[Segment]:
-    """The segments that stand for bytes themselves, in order: what is in wraps, choices and records, not those."""
+    """Yield the segments with bytes of their own, in order: the contents of wraps, choices and records instead of
+    those.
+    """
     for segment in segments:
         inside = segment.blocks if segment.is_list or segment.inner_record is None else (segment.inner_record,)
         for block in inside:
@@ -52,7 +54,7 @@ def leaves(segments: Iterable[Segment]) -> Iterator[Segment]:
 
 
 def in_place_of_records(segments: Segments) -> Iterator[Segment]:
-    """Yield the segments with those of records that are always there in place of these."""
+    """Yield the segments, with records that are always present replaced by their segments."""
     for segment in segments:
         if segment.is_record and segment.when is None:
             yield from in_place_of_records(segment.members)
@@ -61,7 +63,7 @@ def in_place_of_records(segments: Segments) -> Iterator[Segment]:
 
 
 def certain(segments: Iterable[Segment], there: bool = True) -> Iterator[tuple[Segment, bool]]:
-    """Yield every segment of one record, and whether it is there in every such record but for its own condition."""
+    """Yield every segment of one record, and whether it is always present apart from its own condition."""
     for segment in segments:
         yield segment, there
         for block in segment.blocks:
@@ -74,7 +76,7 @@ def by_value_name(segments: Iterable[Segment]) -> dict[str, Segment]:
 
 
 def change_all(segments: Segments, change: Callable[[Segment], Segment]) -> Segments:
-    """Every segment of one record changed, those that hold others before what they hold."""
+    """Return the segments of one record changed, outer segments before inner segments."""
 
     def all_changed(block: Segments) -> Segments:
         return tuple(change(segment).with_blocks(all_changed) for segment in block)
@@ -93,9 +95,9 @@ def with_holders(segments: Segments, holder: str = "") -> Segments:
 
 
 def nearest_path(name: str, segment: Segment, paths: Container[str]) -> str:
-    """Return the path that a name has in expressions of a segment: that of the innermost record which has the name.
+    """Return the path of a name in expressions of a segment: in the innermost record that has the name.
 
-    `paths`: all there are. The name itself, if no record has it.
+    `paths`: all existing paths. If no record has the name, return the name itself.
     """
     holder = segment.holder
     while holder and f"{holder}.{name}" not in paths:
@@ -116,7 +118,7 @@ def field_names(segments: Iterable[Segment]) -> set[str]:
 
 
 def names_needed(segments: Iterable[Segment]) -> list[str]:
-    """Those without which no frame can be built: nothing else gives them a value."""
+    """Return the names without which no frame can be built, because they get a value from no other source."""
     found: list[str] = []
     for segment, there in certain(segments):
         if segment.when is not None or not there:
@@ -126,7 +128,7 @@ def names_needed(segments: Iterable[Segment]) -> list[str]:
 
 
 def names_always_there(segments: Iterable[Segment]) -> set[str]:
-    """Those that every value has, whatever it holds."""
+    """Return the names that every value has, whatever its content."""
     found: set[str] = set()
     for segment, there in certain(segments):
         if there and segment.when is None and not segment.is_there_inside:
@@ -144,7 +146,9 @@ def _own_names(segment: Segment) -> set[str]:
 
 
 def parts_of(value: Any, kind: type[T]) -> Iterator[T]:
-    """Everything of class `kind` inside `value` (itself included), outermost first; expressions are not entered."""
+    """Yield everything of class `kind` inside `value` (itself included), outermost first; expressions are not
+    entered.
+    """
     left = [value]
     while left:
         value = left.pop()
@@ -167,8 +171,8 @@ _NO_PARTS = frozenset({"str", "int", "bool", "bytes", "float", "None", "Position
 
 @cache
 def _names_of(kind: type) -> tuple[str, ...]:
-    """Return the fields of a class that may hold parts, the last one first: not those that say to be a number or a
-    text.
+    """Return the fields of a class that may hold parts, in reverse order, without fields that hold plain numbers or
+    texts.
     """
     if not is_dataclass(kind) or issubclass(kind, (Expression, Position)):
         return ()
@@ -187,9 +191,7 @@ def names_read(value: Any) -> set[str]:
 
 
 def names_read_in(segments: Iterable[Segment]) -> set[str]:
-    """Return the names that expressions in one record or item read, those of records in it too, not those of lists in
-    it.
-    """
+    """Return the names that expressions in one record or item read, inner records included, inner lists not."""
     found: set[str] = set()
     for segment in flat(segments):
         for expression in expressions_of(segment.with_lists(lambda _: ())):
@@ -210,7 +212,9 @@ Mark = Literal["first", "last", "none"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Group:
-    """Frames that share head and tail: only what is asked about the group itself; its frames hold the rest."""
+    """Frames that share head and tail; only the properties of the group itself are stored here, the rest in its
+    frames.
+    """
 
     name: str
     frames: tuple[str, ...]
@@ -221,7 +225,7 @@ class Group:
 
 @dataclass(frozen=True, slots=True)
 class Announced:
-    """What a frame says about later ones: the value of a state variable, or of its entry `key`."""
+    """An announcement of a frame for later frames: the value of a state variable, or of its entry `key`."""
 
     name: str
     value: Expression
@@ -229,38 +233,40 @@ class Announced:
 
 
 WIRE = "wire"
-"""In what a frame announces: its bytes as they stand on the line."""
+"""Name in announcements for the bytes of the frame on the line."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
-    """One frame: head, body and tail are flat lists of segments (includes inlined, `where` written into the fields).
-
-    `groups`: its group and the groups that one extends, nearest first. `inner`: it has no line of its own and is only
-    ever part of other frames. `size`: of the whole frame, the rest is `fill`. `most`: longest frame. `echo`: field of
-    this reply → expression over the request's fields. `announces`: state variables, by expressions over this frame.
-    `inside`: frames that may interrupt it behind any of its bytes. `refuse`: the frame exists to be refused with this
-    code. `mark`: which byte has its ninth bit set.
-    """
+    """A frame: head, body and tail are flat lists of segments (includes inlined, `where` written into the fields)."""
 
     name: str
     at: Position
     groups: tuple[str, ...]
+    """Its group and the groups that this extends, nearest first."""
     side: Side
     head: tuple[Segment, ...]
     body: tuple[Segment, ...]
     tail: tuple[Segment, ...]
     inner: bool = False
+    """Whether it never occurs on a line by itself, only inside other frames."""
     echo: Mapping[str, Expression]
+    """Field of this reply → expression over the request's fields."""
     announces: tuple[Announced, ...] = ()
+    """Announced state variables, by expressions over this frame."""
     delimited: bool = False
     surplus: int | None = None
     size: int | None = None
+    """Size of the whole frame (bytes), filled up with `fill`; None if variable."""
     fill: int = 0
     most: int | None = None
+    """Size of the longest frame (bytes)."""
     inside: tuple[str, ...] = ()
+    """Frames that may interrupt it after any of its bytes."""
     refuse: int | None = None
+    """Code with which the frame is refused; None for a normal frame."""
     mark: Mark | None = None
+    """Byte with its ninth bit set."""
     doc: str = ""
 
     @property
@@ -285,7 +291,7 @@ class StaticSizes:
         self._known: dict[str, Sizes] = {}
 
     def frame(self, name: str) -> Sizes:
-        """Sizes of a frame; one that holds itself has no bound, and one that is not there (it is broken) any size."""
+        """Return the sizes of a frame; unbounded for a frame that contains itself, any for a missing (broken) frame."""
         if name not in self._known:
             self._known[name] = ANY
             if name in self.frames:
@@ -293,7 +299,7 @@ class StaticSizes:
         return self._known[name]
 
     def segments(self, frame: Frame) -> Segments:
-        """Head, body and tail, with a skip or `Fill` for what a frame of fixed size leaves free."""
+        """Return head, body and tail, with a skip or `Fill` for the free bytes of a frame of fixed size."""
         if frame.size is None:
             return frame.segments
         fixed = self.all(frame.segments).fixed
@@ -309,25 +315,25 @@ class StaticSizes:
         return sizes_of(tuple(segments), self.frame)
 
     def of(self, segment: Segment) -> Sizes:
-        """Sizes of a segment that may be absent."""
+        """Return the sizes of a segment that may be absent."""
         sizes = self.present(segment)
         return sizes if segment.when is None else Sizes(0, sizes.most)
 
     def present(self, segment: Segment) -> Sizes:
-        """Sizes of a segment that is there."""
+        """Return the sizes of a segment that is present."""
         return segment.sizes(self.frame)
 
     def is_variable(self, segment: Segment) -> bool:
-        """Return whether its size depends on more than whether it is there."""
+        """Return whether its size varies while it is present."""
         return self.present(segment).fixed is None
 
     def split(self, segments: Segments) -> tuple[Segments, Segments]:
-        """The segments up to the last of variable size, and the others behind it (all, if none is variable: none)."""
+        """Return the segments up to the last of variable size, and the rest; if none is variable, the rest is empty."""
         last = max((place for place, segment in enumerate(segments) if self.is_variable(segment)), default=-1)
         return (segments, ()) if last < 0 else (segments[: last + 1], segments[last + 1 :])
 
     def may_refuse(self, segments: Segments) -> bool:
-        """Return whether a fault here, or in a frame inside, is one that is answered with a refusal."""
+        """Return whether a fault here, or in an inner frame, is answered with a refusal."""
         known: set[str] = set()
         wanted = [segments]
         while wanted:
@@ -343,15 +349,15 @@ class StaticSizes:
 
 
 def bytes_of(segments: Iterable[Segment], frames: Mapping[str, Frame] | None = None) -> frozenset[int]:
-    """The bytes that may stand in these segments; every byte where that cannot be told.
+    """Return the bytes that may occur in these segments; every byte if that is unknown.
 
-    `frames` are those that `inner` segments name; without them an inner frame may hold every byte.
+    `frames`: the frames that `inner` segments name; without them an inner frame may contain every byte.
     """
     known = {} if frames is None else frames
     return contents_of(segments, lambda name: known[name].segments if name in known else None)
 
 
 def attributes_in(values: Any) -> set[str]:
-    """What stands behind a dot in expressions."""
+    """Return the names of attributes (`….name`) that expressions read."""
     nodes = (node for one in expressions_of(values) for node in walk(one.root))
     return {node.name for node in nodes if isinstance(node, Attribute)}

@@ -52,7 +52,7 @@ SENDS = "Sends a frame: its name, a variable, or {frame: {field: expression}}."
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """What `set` writes: a variable, an entry of a table (`name[key]`), or a field of a frame or record (`….field`)."""
+    """Target of `set`: a variable, an entry of a table (`name[key]`), or a field of a frame or record (`….field`)."""
 
     name: str
     key: Expression | None = None
@@ -70,14 +70,13 @@ STORES = Form({"type": "object", "additionalProperties": ref("address")}, lambda
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Action:
-    """What happens, in this order: when → at_most/otherwise → take → set → store → put → deliver → send → then or fail.
-
-    `then` is `next`, `end`, `again`, `restart`, `resend` or a step; None with no `fail` stands for the place's default.
-    `places`: key → where its value stands, for messages.
+    """An action; its parts run in this order: when → at_most/otherwise → take → set → store → put → deliver → send →
+    then or fail.
     """
 
     at: Position
     places: Mapping[str, Position] = field(default_factory=dict, compare=False)
+    """Places of the values of keys, for messages."""
     when: Expression | None = key("when", CONDITION, "Only if this is true.", default=None)
     at_most: Expression | None = key("at_most", COUNT, "So often since the step was entered; then else.", default=None)
     otherwise: Action | None = key("else", ACTION, "What is done when at_most is used up.", default=None)
@@ -90,6 +89,9 @@ class Action:
     deliver: Value | None = key("deliver", SENT, DELIVERED, default=None)
     send: Value | None = key("send", SENT, SENDS, default=None)
     then: str | None = key("then", LABEL, "Where to go: next, end, again, restart, resend, or a step.", default=None)
+    """`next`, `end`, `again`, `restart`, `resend` or a step; None without `fail` stands for the default of the
+    place.
+    """
     fail: str | None = key("fail", LABEL, "Ends the sequence with this outcome.", default=None)
     because: Expression | None = key(
         "because",
@@ -109,16 +111,18 @@ ARRIVALS: dict[str, Any] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row(Action):
-    """A row of a receive matrix. `frames`: in the order tried; `expected`: also the exchange's own replies.
-
-    `station` is part of `when` already (`load/resolve.py`); it tells that the row does not take all of its frames.
-    """
+    """A row of a receive matrix."""
 
     frames: tuple[str, ...] = keys(ARRIVALS, lambda r: r.loader.arrivals(r.keys), default=())
+    """Names of frames, in the order tried."""
     expected: bool = keys({}, lambda r: r.loader.expects(r.keys), default=False)
+    """Whether it also takes the expected replies of the exchange."""
     station: Expression | None = key(
         "station", EXPRESSION, "Only frames of this station, and frames without a station.", default=None
     )
+    """Condition that is part of `when` already (`load/resolve.py`); kept to show that the row does not take all of its
+    frames.
+    """
     queue: str | None = key("queue", IDENTIFIER, "As soon as this queue has an item.", default=None)
     room: str | None = key("room", IDENTIFIER, "As soon as this queue is not full.", default=None)
 
@@ -133,7 +137,7 @@ class Parts:
 
 @dataclass(frozen=True, slots=True)
 class Serve:
-    """`serve:`: the frame to serve, the bytes beside it, the station it came for, and whether it is only validated."""
+    """`serve:`: the frame to serve, its additional bytes, its station, and whether it is only validated."""
 
     request: Expression = key("request", EXPRESSION, "The request frame.")
     buffer: Expression | None = key("buffer", OCTETS, "Bytes that came beside it.", default=None)
@@ -142,7 +146,7 @@ class Serve:
 
 
 def _format(reading: KeyReading, node: Node) -> Expression:
-    """A format as it is (`7E1`), or an expression that comes to such a text."""
+    """Read a literal format (`7E1`), or an expression for such a text."""
     scalar = reading.reader.scalar(node)
     try:
         parse_format(scalar.text, 1)
@@ -153,7 +157,9 @@ def _format(reading: KeyReading, node: Node) -> Expression:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LineChange:
-    """`line: {speed, format}`: what the line has from now on; None stays as it is. Neither: `own`, the line's own."""
+    """`line: {speed, format}`: the settings of the line from now on; None leaves a setting unchanged. Without both the
+    line's own settings apply.
+    """
 
     at: Position
     speed: Expression | None = key("speed", COUNT, "Bits a second; without it the speed stays as it is.", default=None)
@@ -254,15 +260,12 @@ SERVE = mapping_of(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """One step; keys it does not have are None or empty. `handlers`: event → actions, the first that applies.
-
-    `places`: key → where its value stands, for messages. `urgent`: replies that are due do not hold its frame back.
-    `more`: what keys say that programs bring by themselves.
-    """
+    """A step; keys it does not have are None or empty."""
 
     name: str = key("step", LABEL, "Name of the step.")
     at: Position
     places: Mapping[str, Position] = field(default_factory=dict, compare=False)
+    """Places of the values of keys, for messages."""
     when: Expression | None = key("when", CONDITION, "The step is skipped unless this is true.", default=None)
     session: str | None = key(
         "session", LABEL._replace(schema=words("a session word", "new", "end")), _SESSION_WORDS, default=None
@@ -272,6 +275,7 @@ class Step:
     hold_break: Expression | None = key("break", TIME, "Holds the line in break state so long.", default=None)
     flush: bool = key("flush", FLAG, "Forgets what has come and is not a frame yet.", default=False)
     urgent: bool = key("urgent", FLAG, _URGENT, default=False)
+    """Whether its frame is sent without waiting for replies that are due."""
     set: tuple[tuple[Target, Value], ...] = key("set", SETTINGS, default=())
     decode: Decode | None = key("decode", DECODE, default=None)
     serve: Serve | None = key("serve", SERVE, default=None)
@@ -326,7 +330,7 @@ class Sequence:
 
 
 def _sequence(reading: KeyReading, node: Node) -> str:
-    """The name of a sequence, which is noted if there is none of that name."""
+    """Return the name of a sequence; an unknown name is noted."""
     name, known = reading.reader.text(node), reading.space.section("sequences")
     if name not in known:
         reading.reader.note(node.at, f"there is no sequence '{name}'", did_you_mean(name, known))
@@ -338,13 +342,13 @@ SEQUENCES = Form(LABELS.schema, lambda r, node: tuple(_sequence(r, item) for ite
 
 
 def places_of(keys_: Keys) -> dict[str, Position]:
-    """Where the value of every key stands."""
+    """Return the place of the value of each key."""
     return {entry.key.text: entry.value.at for entry in keys_.entries}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lane:
-    """One of the things a role does side by side: exchanges (up to `at_once`), and what runs when none does."""
+    """A lane of a role: exchanges (up to `at_once` together), and the sequence that runs between them."""
 
     name: str
     at: Position
@@ -384,7 +388,7 @@ class Role:
 
 
 def _flag(reading: KeyReading, node: Node) -> Expression:
-    """`yes`, `no` or an expression."""
+    """Read `yes`, `no` or an expression."""
     scalar = reading.reader.scalar(node)
     return reading.reader.expression_text({"yes": "true", "no": "false"}.get(scalar.text, scalar.text), scalar.at)
 
@@ -406,10 +410,7 @@ def _lost_by(reading: KeyReading, node: Node) -> tuple[str, ...] | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Session:
-    """What has to be open before an exchange runs. `lost_by` is None for any failure, else the outcomes that end it.
-
-    `reconnect`: a connection whose session is lost, or cannot be opened, is closed and opened again.
-    """
+    """A session that must be open before an exchange runs."""
 
     name: str
     at: Position
@@ -419,4 +420,6 @@ class Session:
     keep_alive_after: Expression | None = key("keep_alive", Form({}, _keep_alive_after, "time"), default=None)
     keep_alive_run: str | None = keys({}, _keep_alive_run, default=None)
     lost_by: tuple[str, ...] | None = key("lost_by", Form(LABELS.schema, _lost_by), default=None)
+    """Outcomes that end the session; None for any failure."""
     reconnect: bool = key("reconnect", FLAG, default=False)
+    """Whether a connection whose session is lost, or cannot be opened, is closed and opened again."""

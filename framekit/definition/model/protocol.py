@@ -18,16 +18,11 @@ from framekit.definition.problems import NOWHERE, Position, Problem
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Protocol:
-    """Everything a definition says, ready to be compiled and run.
-
-    `frames` are in the order of the file, those of the application after those of the protocol. `frames_alone` says
-    that there are no roles: blocks send and receive its frames directly. `sources`: the files it was read from.
-    `family`: whose protocol it is, '' if nothing says it; a definition that extends another has that one's.
-    `commands`: this is an application of command blocks; `commands_file`: the one a protocol names for its channels.
-    """
+    """The whole content of a definition, ready to be compiled and run."""
 
     name: str
     family: str
+    """Family of the protocol, '' if unknown; a definition that extends another inherits its family."""
     about: str
     source: str
     kind: Literal["protocol", "application"]
@@ -43,6 +38,7 @@ class Protocol:
     layouts: Mapping[str, Layout]
     groups: Mapping[str, Group]
     frames: Mapping[str, Frame]
+    """Frames in the order of the file, those of the application after those of the protocol."""
     receiver: Receiver
     sequences: Mapping[str, Sequence]
     roles: Mapping[str, Role]
@@ -80,7 +76,7 @@ class Protocol:
 
     @property
     def carried(self) -> frozenset[str]:
-        """Return the frames of which one stands somewhere inside another."""
+        """Return the names of the frames that may be inner frames of others."""
         return frozenset(name for one in parts_of(dict(self.frames), Inner) for name in one.frames)
 
     @property
@@ -105,7 +101,9 @@ class Protocol:
         return self._first_listening() if asking is None else self.other_side(asking)
 
     def other_side(self, role: str) -> str | None:
-        """The role that answers a role: what it says itself; its own, if it serves; else the first that listens."""
+        """Return the role that answers a role: the configured role; the role itself if it serves; else the first that
+        listens.
+        """
         own = self.roles[role]
         if own.other_side is not None:
             return own.other_side
@@ -130,7 +128,7 @@ class Protocol:
         return tuple(found.values())
 
     def set_by_sequences(self, role: str | None) -> list[str]:
-        """Variables of the device that what the role listens with sets by itself, beside what services do."""
+        """Return the variables of the device that the listening sequences of the role set, apart from services."""
         found = self.called_from(self.roles[role].listens) if role is not None and role in self.roles else ()
         parts: list[Step | Action] = [*parts_of(found, Step), *parts_of(found, Action)]
         names = {target.name for part in parts for target, _ in part.set}

@@ -48,7 +48,7 @@ def _given(reading: KeyReading, node: Node) -> Expression:
 def _literal(
     reader: Reader, node: Node, type_: str, choices: tuple[str, ...] = (), items_type: str | None = None
 ) -> Expression:
-    """A default: literal where the type allows one to be told from an expression, else an expression. Raises Broken."""
+    """Read a default: a literal if the type distinguishes it from an expression, else an expression. Raises Broken."""
     if isinstance(node, Sequence):
         items = tuple(_literal(reader, item, items_type or "number").root for item in node.items)
         return Expression("[…]", List(node.at, items))
@@ -118,10 +118,7 @@ def _format(reading: KeyReading) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Line:
-    """What the protocol says about its line. Speeds in bits a second; `tcp`: the port number of `tcp://HOST`.
-
-    `late`: how long after its time limit a reply may still come; None: as long again.
-    """
+    """Properties of the line of a protocol."""
 
     kind: Literal["serial", "stream"] = key(
         "kind", TEXT._replace(schema=words("a kind of line", "serial", "stream")), default="serial"
@@ -129,18 +126,21 @@ class Line:
     speeds: tuple[int, ...] = keys(
         {}, lambda r: tuple(r.reader.number(item) for item in _one_or_choices(r, "speed")[1]), default=()
     )
+    """Possible speeds (bits a second)."""
     speed: int = keys({"speed": {}}, _speed, default=9600)
     formats: tuple[str, ...] = keys({}, _formats, default=())
     format: str = keys({"format": {}}, _format, default="8N1")
     turnaround: Expression | None = key("turnaround", TIME, default=None)
     key_delay: Expression | None = key("key_delay", TIME, default=None)
     late: Expression | None = key("late", TIME, default=None)
+    """Time after its time limit in which a reply may still arrive; None: as long as the limit itself."""
     tcp: int | None = key("tcp", NUMBER, default=None)
+    """Port number for `tcp://HOST`."""
     at: Position = NOWHERE
 
     @property
     def has_marks(self) -> bool:
-        """Return whether characters have a ninth bit, by which frames say which byte is marked."""
+        """Return whether characters have a ninth bit, which marks a byte of each frame."""
         return self.kind == "serial" and self.format.strip().startswith("9")
 
     def port_of(self, url: str) -> str:
@@ -159,15 +159,14 @@ _WAYS_ON = ("next_start", "after_frame", "after_quiet", "never")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Receiver:
-    """How frames are found. `symbols`: an escape byte and its follower are skipped together.
-
-    `delimiter`: the byte that frames begin and end with; one that ends a frame may begin the next one too.
-    """
+    """Parameters for finding frames in the received bytes."""
 
     gap: Expression | None = key("gap", TIME, default=None)
     quiet: Expression | None = key("quiet", TIME, default=None)
     symbols: int | None = key("symbols", BYTE, default=None)
+    """Escape byte that is skipped together with the next byte."""
     delimiter: int | None = key("delimiter", BYTE, default=None)
+    """Byte with which frames begin and end; the end of a frame may be the begin of the next."""
     delimiter_at: Position = keys({}, lambda r: _place(r.keys.get("delimiter")), default=NOWHERE)
     resync: Literal["next_start", "after_frame", "after_quiet", "never"] = key(
         "resync", TEXT._replace(schema=words("a way to go on", *_WAYS_ON)), default="next_start"
@@ -195,10 +194,7 @@ def _if_type(name: str, form: Form, *types: str) -> Any:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StationType:
-    """What names the other side.
-
-    `pad`: bytes of a known `size` may be given as text too, which this byte fills up.
-    """
+    """The type of station numbers or names."""
 
     type: Literal["number", "text", "bytes", "none"] = key(
         "type", TEXT._replace(schema=words("a type of station", "number", "text", "bytes", "none")), default="number"
@@ -206,6 +202,7 @@ class StationType:
     limits: tuple[int, int] | None = _if_type("range", RANGE, "number")
     size: int | None = _if_type("size", NUMBER, "text", "bytes")
     pad: int | None = key("pad", Form(BYTE.schema, _pad), default=None)
+    """Byte that fills up a text given for bytes of a known `size`."""
     default: Expression | None = key("default", GIVEN, default=None)
 
 
@@ -222,7 +219,7 @@ def _parameter_type(reading: KeyReading) -> str:
 
 
 def _items(reading: KeyReading) -> str | None:
-    """What the items of a list are, `of:` says it."""
+    """Return the type of the items of a list, from `of:`."""
     reader, node = reading.reader, reading.keys.get("of") if reading.found["type"] == "list" else None
     return None if node is None else reader.one_of(node, {name: name for name in ITEM_TYPES}, "a type of items")
 
@@ -236,7 +233,7 @@ def _formula(reading: KeyReading) -> Expression | None:
 
 
 def _secret(reading: KeyReading, node: Node) -> bool:
-    """Keys and passwords: values whose faults can be told without showing them."""
+    """Read `secret`: it applies to keys and passwords, whose faults can be described without showing them."""
     if reading.found["type"] not in ("bytes", "text"):
         reading.reader.note(node.at, "secret keeps keys and passwords", "take type: bytes or text, or leave secret out")
     return reading.reader.flag(node)
@@ -250,39 +247,44 @@ _OF_CLIENT = Form(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Parameter:
-    """A named setting. `is_` is a formula that always gives its value. `items`: what a list holds, None for anything.
-
-    `type` is one of `PARAMETER_TYPES`. `limits` of a list are those of each item; `size`: bytes are that many.
-    `secret`: nothing shows its value. `of_client`: only the client has it; a server takes it from the request.
-    """
+    """A named setting."""
 
     name: str
     at: Position
     type: str = keys({"type": {}}, _parameter_type)
+    """One of `PARAMETER_TYPES`."""
     choices: tuple[str, ...] = keys(
         {"of": {}},
         lambda r: r.reader.texts(r.keys.get("of")) if r.found["type"] == "choice" else (),
         default=(),
     )
     items: str | None = keys({}, _items, default=None)
+    """Type of the items of a list; None for any."""
     default: Expression | None = key("default", GIVEN, default=None)
     is_: Expression | None = keys({"is": EXPRESSION.schema}, _formula, default=None)
+    """Formula that always gives the value."""
     limits: tuple[int, int] | None = key("range", RANGE, default=None)
+    """Least and greatest number; for a list, of each item."""
     doc: str = key("doc", TEXT, default="")
     size: int | None = key("size", _size_in_bytes("parameter"), default=None)
+    """Number of bytes."""
     secret: bool = key("secret", Form(FLAG.schema, _secret), default=False)
+    """Whether the value is never shown."""
     of_client: bool = key("from", _OF_CLIENT, default=False)
+    """Whether only the client has it; a server takes it from the request."""
 
     @property
     def is_compared(self) -> bool:
-        """Whether a server ignores a request that tells another value: what both have, no secret, time or list."""
+        """Return whether a server ignores a request with another value: a value that both sides have, no secret, time
+        or list.
+        """
         is_shared = self.is_ is None and not self.of_client and not self.secret
         return is_shared and self.type in ("number", "text", "bytes")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Argument(Parameter):
-    """What a service other than read and write takes; also a record or a frame."""
+    """An argument of a service other than read and write; also a record or a frame."""
 
     type: str = key("type", TEXT, default="number")
     is_: Expression | None = None
@@ -333,7 +335,7 @@ class StateVariable:
     publish: bool = key("publish", FLAG, default=False)
 
     def number_of(self, value: Any) -> Any:
-        """Return the number that a name of `values` stands for; any other value as it is."""
+        """Return the number that a name of `values` stands for; any other value unchanged."""
         return next((number for number, name in (self.values or {}).items() if name == value), value)
 
 

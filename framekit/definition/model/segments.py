@@ -1,7 +1,7 @@
-"""The segments of a frame: what stands on the wire, one class a kind. Guide: segments.
+"""The segments of a frame, one class a kind. Guide: segments.
 
-A new kind is a module of `definition/kinds`, and a row of the list below. Sizes are in bytes unless a docstring says
-otherwise.
+A new kind is a module of `definition/kinds`, and a row of the list below. Sizes are in bytes unless a docstring gives
+another unit.
 """
 
 from __future__ import annotations

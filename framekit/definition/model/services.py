@@ -1,4 +1,7 @@
-"""Areas, addresses, services and errors: what READ and WRITE become; command blocks. Guide: areas, services, errors."""
+"""Areas, addresses, services and errors: the requests for READ and WRITE; command blocks.
+
+Guide: areas, services, errors.
+"""
 
 from __future__ import annotations
 
@@ -52,7 +55,7 @@ from framekit.definition.wire_types import given_order
 PlaceOf = Mapping[str, Value]
 """A place of memory, by the words area, memory, code, text, unit, start, count; data: the value to write."""
 
-# ---- forms of values: `r.loader` is what reads services -----------------------------------------------------
+# ---- forms of values; `r.loader` is the loader of services --------------------------------------------------
 
 VALUE = Form(ref("expression"), lambda r, node: r.loader.values.value(node))
 VALUES = Form(here("values"), lambda r, node: r.loader.values.fields(node))
@@ -204,7 +207,7 @@ def _text(reading: KeyReading, name: str) -> str | None:
 
 
 def _codes(reading: KeyReading, node: Node) -> dict[str, Constant]:
-    """Names on the wire by unit; one for all of an area stands under the unit of the area."""
+    """Return the codes on the wire by unit; a single code belongs to the unit of the area."""
     if isinstance(node, Keys):
         return {entry.key.text: reading.reader.cell(entry.value) for entry in node.read_all()}
     return {_text(reading, "unit") or "": reading.reader.cell(node)}
@@ -219,7 +222,7 @@ def _unit(reading: KeyReading) -> str:
 
 
 def _element_bits(reading: KeyReading) -> int:
-    """Width of a unit: a word of the language, or `6 bytes`."""
+    """Return the width of a unit (bits): a word of the language, or `6 bytes`. Raises Broken."""
     unit, node = reading.found["unit"], reading.keys.get("unit")
     count, _, rest = unit.partition(" ")
     if unit in UNIT_BITS:
@@ -270,7 +273,7 @@ class Area:
 
 @dataclass(frozen=True, slots=True)
 class Literally:
-    """Text of an address form that stands for itself."""
+    """Literal text of an address form."""
 
     text: str
 
@@ -304,40 +307,44 @@ class Maybe:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AddressForm:
-    """One way to write an address; `results` are the row's other keys, `unit` a unit or the name of a units table.
-
-    `counts`: the unit in which start counts, where an element may begin at any of these, as a word at an odd byte.
-    `type`: the usual type of a place in this form. `any_case`: small letters stand for capitals and the reverse.
-    `ranges`: the least and the greatest value of numbers.
-    """
+    """A form of addresses."""
 
     text: str
     parts: tuple[Literally | Part | Maybe, ...]
     area: Expression | str | None
     unit: str | None
+    """Unit of places in this form."""
     units_table: str | None
+    """Name of a table of units."""
     results: Mapping[str, Expression]
+    """Other keys of the row."""
     wire: bool
     at: Position
     type: str | None = None
+    """Usual type of a place in this form."""
     any_case: bool = False
+    """Whether letters of either case are accepted."""
     counts: str | None = None
+    """Unit in which `start` counts, if an element may begin at any of these, such as a word at an odd byte."""
     ranges: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    """Least and greatest value of numbers."""
 
     def results_in_order(self) -> list[str]:
-        """Return the names of the results, each after those it mentions; those of a circle are left out."""
+        """Return the names of the results, each after those it depends on; circular ones are left out."""
         return ordered_by_need(self.results)
 
     @property
     def only_start(self) -> int | None:
-        """Where the place is, of a form that names one place of each area."""
+        """Return the start of the place, for a form that names a single place of each area; else None."""
         start = self.results.get("start")
         root = None if start is None else start.root
         return root.value if isinstance(root, Number) and not root.is_time else None
 
     @property
     def parts_of_all_units(self) -> set[str]:
-        """Parts of the text that do not depend on the unit of the place, because no result is computed from them."""
+        """Return the parts of the text that do not depend on the unit of the place, because no result is computed from
+        them.
+        """
         used = {name for result in self.results.values() for name in names_in(result.root)}
         return self.names - self.results.keys() - used - {"start"}
 
@@ -376,19 +383,17 @@ class Limit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Packing:
-    """How elements stand in the data bytes: byte order of one unit (as of fields), and the form of bits.
-
-    A point is a byte (`byte_each`), four bits (`nibble_each`, the first in the high ones) or a digit of text
-    (`digit_each`); `packed` and `aligned` have eight in a byte.
-
-    `words`: the order is that of numbers in the file, so of words; elements of any other size stand as they are.
-    """
+    """Order of elements in the data bytes: byte order within a unit (as of fields), and the form of bits."""
 
     order: Literal["big", "little", "BADC", "CDAB"] = keys(
         {"order": here("number_order")}, lambda r: given_order(r.reader, r.keys) or "little", default="little"
     )
     bits: Literal["packed", "aligned", "byte_each", "nibble_each", "digit_each"] = key("bits", TEXT, default="packed")
+    """A point is a byte (`byte_each`), four bits (`nibble_each`, high bits first) or a digit of text (`digit_each`);
+    `packed` and `aligned` have eight in a byte.
+    """
     words: bool = False
+    """Whether the order is the file's order of numbers, and so of words; elements of other sizes are unchanged."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -548,7 +553,7 @@ OFFERED = frozenset({
 AS_NUMBERS = frozenset({"value", "values"})
 """Names of the elements as numbers, in rows of read and write."""
 COUNTING = frozenset({"count", "bytes", "data", "bits", "values", "total"})
-"""Names that say how many elements are meant: a row that sends none of them means one."""
+"""Names that give the number of elements: a row without any of them is for a single element."""
 
 
 def mentions_of(row: ServiceRow) -> frozenset[str]:
@@ -582,7 +587,7 @@ class NameTable:
 
 
 def _answers(reading: KeyReading, node: Node) -> tuple[ReplyRow, ...]:
-    """One answer, or a list of them. Raises Broken where one has a condition too many or too few."""
+    """Read an answer, or a list of them. Raises Broken for a missing or superfluous condition."""
     rows = _replies(reading, node)
     for row in rows:
         if row.frame is None or row.buffer is not None:
@@ -597,7 +602,7 @@ def _answers(reading: KeyReading, node: Node) -> tuple[ReplyRow, ...]:
 
 
 def _name_tables(reading: KeyReading, node: Node) -> tuple[NameTable, ...]:
-    """Names of tables, or `{table, when}`."""
+    """Read names of tables, or `{table, when}`."""
     reader = reading.reader
     given = [item if isinstance(item, Scalar) else reader.mapping(item) for item in reader.items(node)]
     return tuple(
@@ -610,11 +615,7 @@ def _name_tables(reading: KeyReading, node: Node) -> tuple[NameTable, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Errors:
-    """How a device says no, by any of `frames` (or groups). `memory`: unknown, range, access, no_service → code.
-
-    The first row of `answer` whose condition holds builds the error frame. Where `unanswered` holds it says that there
-    was no answer.
-    """
+    """Error replies of a device, by any of `frames` (or groups)."""
 
     at: Position
     frames: tuple[str, ...] = key("frame", LABELS, default=())
@@ -623,5 +624,8 @@ class Errors:
     names: tuple[NameTable, ...] = key("names", Form({}, _name_tables), default=())
     detail: Expression | None = key("detail", EXPRESSION, default=None)
     unanswered: Expression | None = key("unanswered", EXPRESSION, default=None)
+    """Condition under which the reply means that the device did not answer."""
     answer: tuple[ReplyRow, ...] = key("answer", Form({}, _answers), default=())
+    """The first row whose condition holds builds the error frame."""
     memory: Mapping[str, Expression] = key("memory", EXPRESSIONS, factory=dict)
+    """Codes for errors of the memory: unknown, range, access, no_service."""

@@ -1,6 +1,6 @@
-"""Values that a definition writes down: expressions, constructors of frames and layouts, lists and records.
+"""Values in a definition: expressions, constructors of frames and layouts, lists and records.
 
-They stand in `send`, `put`, `with`, service rows and replies. What they come to is worked out by the engines.
+They occur in `send`, `put`, `with`, service rows and replies. Engines evaluate them.
 """
 
 from __future__ import annotations
