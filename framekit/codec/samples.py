@@ -1,13 +1,13 @@
-"""Sample values of frames, made from the model: the same ones at every run.
+"""Sample values of frames, drawn from the model: the same samples in every run.
 
-Values respect types, ranges, tables, sizes, `where` and conditions as far as these are plain; what does not come
-together is refused by the encoder, and another try is made. Computed things are left out.
+Values respect types, ranges, tables, sizes, `where` and conditions as far as these are plain. The encoder refuses
+values that do not fit together; the sampler then tries again. Computed values are left out.
 """
 
 from __future__ import annotations
 
 import random
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -37,33 +37,33 @@ from framekit.definition.model.frames import expressions_of, flat
 from framekit.definition.model.segments import FieldType, Segment, Value
 
 Evaluate = Callable[[Node], Any]
-"""The value of a part of an expression, or None when it cannot be told."""
+"""Return the value of a part of an expression, or None while the value is unknown."""
 
 _MIRRORED = {"<": ">", "<=": ">=", ">": "<", ">=": "<=", "==": "==", "!=": "!="}
 
 
 @dataclass(slots=True)
 class Hints:
-    """What is known about one field. `letters`: place in the text → what may stand there; `rest`: from a place on.
-
-    `holds`: texts that stand somewhere in it.
-    """
+    """Facts about one field that follow from conditions."""
 
     least: int | None = None
     most: int | None = None
     allowed: list[Any] | None = None
-    denied: list[Any] = field(default_factory=list)
+    denied: set[Any] = field(default_factory=set)
     letters: dict[int, list[str]] = field(default_factory=dict)
+    """Position in the text → letters that are possible there."""
     rest: tuple[int, str] | None = None
+    """A position in the text, and the letters that are possible from there on."""
     holds: list[str] = field(default_factory=list)
+    """Texts that the field contains."""
 
     def add(self, operator: str, value: Any) -> None:
-        """Notes `field operator value`."""
+        """Note the fact `field operator value`."""
         if operator in ("==", "in"):
             values = [value] if operator == "==" else list(value)
             self.allowed = values if self.allowed is None else [one for one in self.allowed if one in values]
         elif operator in ("!=", "not in"):
-            self.denied += [value] if operator == "!=" else list(value)
+            self.denied.update(one for one in ([value] if operator == "!=" else value) if isinstance(one, Hashable))
         elif isinstance(value, int):
             bound = value + {"<": -1, ">": 1}.get(operator, 0)
             if operator in ("<", "<="):
@@ -72,95 +72,112 @@ class Hints:
                 self.least = bound if self.least is None else max(self.least, bound)
 
     def add_letter(self, place: int, operator: str, value: Any) -> None:
-        """Notes `field[place] operator value`."""
+        """Note the fact `field[place] operator value`."""
         if operator in ("==", "in"):
             values = [value] if operator == "==" else [one for one in value if isinstance(one, str)]
             before = self.letters.get(place)
             self.letters[place] = values if before is None else [one for one in before if one in values]
 
 
-def hints_of(segments: Iterable[Segment], evaluate: Evaluate) -> dict[str, Hints]:
-    """Hints about the fields of a record by name; what they are compared with is worked out by `evaluate`."""
-    segments = tuple(segments)
-    derived = {part.name: part.read.root for part in segments if isinstance(part, Value) and part.build is None}
-    found: dict[str, Hints] = {}
-    for node in _conditions(segments):
-        _note_rest(found, node)
-        if not isinstance(node, Compare):
-            continue
-        left = node.first
-        for operator, right in node.rest:
-            _note(found, derived, left, operator, right, evaluate)
-            if operator in _MIRRORED:
-                _note(found, derived, right, _MIRRORED[operator], left, evaluate)
-            if operator == "in":
-                _note_held(found, derived, left, right, evaluate)
-            left = right
-    return found
+Fact = Callable[[Hints, Evaluate], None]
+"""Add one fact to the hints of a field. The other side of its comparison is evaluated then."""
+
+
+class Conditions:
+    """The conditions of one record, indexed by the fields that they restrict."""
+
+    def __init__(self, segments: Iterable[Segment]) -> None:
+        segments = tuple(segments)
+        self._derived = {
+            part.name: part.read.root for part in segments if isinstance(part, Value) and part.build is None
+        }
+        self._facts: dict[str, list[Fact]] = {}
+        for node in _conditions(segments):
+            self._index(node)
+
+    def hints(self, name: str, evaluate: Evaluate) -> Hints:
+        """Return the hints about a field; `evaluate` gives the values that it is compared with."""
+        found = Hints()
+        for fact in self._facts.get(name, ()):
+            fact(found, evaluate)
+        return found
+
+    def _index(self, node: Node) -> None:
+        """Index one condition: `only(field[place:], letters)` or a comparison."""
+        match node:
+            case Call(
+                function="only", arguments=(Slice(value=Name(name=name), start=start, stop=None), Text(value=letters))
+            ):
+                rest = start.value if isinstance(start, Number) else 0, letters
+                self._add(name, lambda hints, _: setattr(hints, "rest", rest))
+            case Compare(first=left, rest=comparisons):
+                for operator, right in comparisons:
+                    self._compare(left, operator, right)
+                    if operator in _MIRRORED:
+                        self._compare(right, _MIRRORED[operator], left)
+                    if operator == "in":
+                        self._contains(right, left)
+                    left = right
+
+    def _add(self, name: str, fact: Fact) -> None:
+        self._facts.setdefault(name, []).append(fact)
+
+    def _contains(self, whole: Node, part: Node) -> None:
+        """Index `'text' in field`, also in `lower(field)` and `upper(field)`."""
+
+        def fact(hints: Hints, evaluate: Evaluate) -> None:
+            value = evaluate(part)
+            if isinstance(value, str):
+                hints.holds.append(value)
+
+        subject = self._subject(whole)
+        if isinstance(subject, Name):
+            self._add(subject.name, fact)
+
+    def _compare(self, subject: Node, operator: str, other: Node) -> None:
+        """Index `subject operator other` under the field that the subject reads."""
+
+        def fact_of(add: Callable[[Hints, Any], None]) -> Fact:
+            def fact(hints: Hints, evaluate: Evaluate) -> None:
+                value = evaluate(other)
+                if value is not None and (operator not in ("in", "not in") or hasattr(value, "__iter__")):
+                    add(hints, value)
+
+            return fact
+
+        compared = fact_of(lambda hints, value: hints.add(operator, value))
+        if isinstance(subject, Name) and subject.name in self._derived:  # a derived value may be given
+            self._add(subject.name, compared)
+        subject = self._subject(subject)
+        if isinstance(subject, Name):
+            self._add(subject.name, compared)
+        elif isinstance(subject, Index) and isinstance(subject.index, Number) and isinstance(subject.value, Name):
+            place = subject.index.value
+            self._add(subject.value.name, fact_of(lambda hints, value: hints.add_letter(place, operator, value)))
+
+    def _subject(self, node: Node) -> Node:
+        """Return the field that a condition looks at: without `lower` and `upper`, derived values replaced."""
+        if isinstance(node, Name):
+            node = self._derived.get(node.name, node)
+        if isinstance(node, Call) and node.function in ("upper", "lower"):
+            node = node.arguments[0]
+        return node
 
 
 def _conditions(segments: Iterable[Segment]) -> Iterator[Node]:
-    """The parts of all conditions that must each hold."""
+    """Yield the conditions; those joined by `and` apart."""
     for segment in segments:
         if segment.condition is not None:
             root = segment.condition.root
             yield from root.operands if isinstance(root, Logic) and root.operator == "and" else (root,)
 
 
-def _note_rest(found: dict[str, Hints], node: Node) -> None:
-    """Notes `only(field[place:], letters)`."""
-    match node:
-        case Call(
-            function="only", arguments=(Slice(value=Name(name=name), start=start, stop=None), Text(value=letters))
-        ):
-            place = start.value if isinstance(start, Number) else 0
-            found.setdefault(name, Hints()).rest = place, letters
-
-
-def _note_held(found: dict[str, Hints], derived: dict[str, Node], part: Node, whole: Node, evaluate: Evaluate) -> None:
-    """Notes `'text' in field`, also in small letters or capitals of it."""
-    subject = _plain(whole, derived)
-    value = evaluate(part) if isinstance(subject, Name) else None
-    if isinstance(subject, Name) and isinstance(value, str):
-        found.setdefault(subject.name, Hints()).holds.append(value)
-
-
-def _plain(subject: Node, derived: dict[str, Node]) -> Node:
-    """What a condition looks at, whether it is in small letters or capitals."""
-    if isinstance(subject, Name):
-        subject = derived.get(subject.name, subject)
-    if isinstance(subject, Call) and subject.function in ("upper", "lower"):
-        subject = subject.arguments[0]
-    return subject
-
-
-def _note(
-    found: dict[str, Hints], derived: dict[str, Node], subject: Node, operator: str, other: Node, evaluate: Evaluate
-) -> None:
-    value = evaluate(other)
-    if value is None or (operator in ("in", "not in") and not hasattr(value, "__iter__")):
-        return
-    if isinstance(subject, Name) and subject.name in derived:  # it may be given
-        found.setdefault(subject.name, Hints()).add(operator, value)
-    subject = _plain(subject, derived)
-    place: int | None = None
-    if isinstance(subject, Index) and isinstance(subject.index, Number):
-        place, subject = subject.index.value, subject.value
-    if not isinstance(subject, Name):
-        return
-    hints = found.setdefault(subject.name, Hints())
-    if place is None:
-        hints.add(operator, value)
-    else:
-        hints.add_letter(place, operator, value)
-
-
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789%"
 LARGEST = 600
-"""Bytes or items of one value; larger ones tell nothing more."""
+"""Bytes or items of one value; larger values show no further difference."""
 
 MOST_ITEMS = 20_000
-"""Items of lists in all samples of a frame; longer lists would take long to make."""
+"""Items of lists in all samples of a frame together."""
 
 SHOWN = 24
 """Bytes of a sample that a message shows."""
@@ -168,12 +185,12 @@ SHOWN = 24
 DEEPEST = 6
 _LEFT_OUT: Any = object()
 _GIVEN = (model.Field, model.Data, model.Value)
-"""What conditions may read of the segments that follow them: values that are given."""
+"""Segments that a condition may read although they follow it: their values are given."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """Values of a frame, the bytes they make, and what is read back from these: the computed values too."""
+    """Values of a frame, its bytes, and the values that decoding these bytes gives, computed values included."""
 
     values: Mapping[str, Any]
     data: bytes
@@ -181,21 +198,43 @@ class Sample:
 
 
 def beginning(data: bytes) -> str:
-    """The bytes of a sample as a message shows them."""
+    """Return the bytes of a sample as a message shows them."""
     return data[:SHOWN].hex(" ").upper() + (" …" if len(data) > SHOWN else "")
 
 
+class Shape:
+    """The segments of one record, indexed once for all its samples."""
+
+    def __init__(self, segments: tuple[Segment, ...]) -> None:
+        self.segments = segments
+        every = tuple(flat(segments))
+        self.by_name = _by_name(every)
+        self.conditions = Conditions(every)
+        self.inputs = {name for segment in every for part in _built(segment) for name in names_in(part.root)}
+        """The names that encoding computes other values from."""
+        self.lengths: dict[str, list[model.Length]] = {}
+        self.counts: dict[str, model.Count] = {}
+        for segment in every:
+            if isinstance(segment, model.Length):
+                for name in segment.of:
+                    self.lengths.setdefault(name, []).append(segment)
+            elif isinstance(segment, model.Count):
+                self.counts.setdefault(segment.of, segment)
+
+
 class Sampler:
-    """Makes samples of the frames of one protocol, in one context."""
+    """Make samples of the frames of one protocol, in one context."""
 
     def __init__(self, codec: Codec, context: Mapping[str, Any]) -> None:
         self.codec = codec
         self.context = context
         self._made: dict[str, tuple[Sample, ...]] = {}
         self._items = 0
+        self._frames: dict[str, Shape] = {}
+        self._records: dict[tuple[int, bool], Shape] = {}
 
     def samples(self, frame: str, count: int = 8, tries: int = 80) -> tuple[Sample, ...]:
-        """Up to `count` different samples that can be encoded and decoded again; fewer when tries run out."""
+        """Return up to `count` different samples that can be encoded and decoded; fewer when the tries run out."""
         if frame not in self._made:
             random_ = random.Random(f"framekit {frame}")
             found: dict[bytes, Sample] = {}
@@ -210,7 +249,7 @@ class Sampler:
         return self._made[frame]
 
     def resized(self, frame: str, size: int) -> Iterator[Sample]:
-        """The samples that have `size` bytes, or have them when one value is longer or shorter."""
+        """Yield the samples of `size` bytes, also those that have this size when one value is resized."""
         for sample in self.samples(frame):
             if len(sample.data) == size:
                 yield sample
@@ -228,24 +267,45 @@ class Sampler:
 
     @property
     def in_vain(self) -> list[str]:
-        """The frames that samples were wanted of, and that have none."""
+        """The frames for which no sample was found."""
         return [frame for frame, made in self._made.items() if not made]
 
     def count(self, items: int) -> None:
-        """So many items are about to be made. Raises ValueError when that is too much."""
+        """Count items before they are made. Raise ValueError above `MOST_ITEMS`."""
         self._items += items
         if self._items > MOST_ITEMS:
             raise ValueError("too much for a sample")
 
+    def frame(self, name: str) -> Shape:
+        """Return the shape of a frame."""
+        if name not in self._frames:
+            self._frames[name] = Shape(self.codec.protocol.frames[name].segments)
+        return self._frames[name]
+
+    def record(self, record: Segment) -> Shape:
+        """Return the shape of a record inside a frame."""
+        return self._inside(record, False, lambda: record.members)
+
+    def item(self, repeat: model.Repeat, is_last: bool) -> Shape:
+        """Return the shape of an item of a list."""
+        return self._inside(repeat, is_last, lambda: item_of(repeat, is_last))
+
+    def _inside(self, holder: Segment, is_last: bool, members: Callable[[], tuple[Segment, ...]]) -> Shape:
+        """Return the shape of a record or an item, cached by its holder, a segment of the protocol."""
+        key = id(holder), is_last
+        if key not in self._records:
+            self._records[key] = Shape(members())
+        return self._records[key]
+
     def _try(self, frame: str, random_: random.Random) -> Sample | None:
         try:
-            values = _Record(self, random_, self.codec.protocol.frames[frame].segments, None).make()
+            values = _Record(self, random_, self.frame(frame), None).make()
         except (MissingName, *EVALUATION_ERRORS):
             return None
         return self._read_back(frame, values)
 
     def _read_back(self, frame: str, values: Mapping[str, Any]) -> Sample | None:
-        """A sample of these values; None where they cannot be encoded and decoded again."""
+        """Return a sample of these values; None where they cannot be encoded and decoded."""
         try:
             data = self.codec.encode(frame, values, self.context)
             read = self.codec.decode(frame, data, self.context)
@@ -255,28 +315,25 @@ class Sampler:
 
 
 class _Record:
-    """The values of one record under way. Expressions see what there is so far, and what follows from it."""
+    """The values of one record while they are drawn. Expressions see the values drawn so far, and those they imply."""
 
-    def __init__(
-        self, sampler: Sampler, random_: random.Random, segments: tuple[Segment, ...], outer: _Record | None
-    ) -> None:
+    def __init__(self, sampler: Sampler, random_: random.Random, shape: Shape, outer: _Record | None) -> None:
         self.sampler = sampler
         self.random = random_
-        self.segments = segments
+        self.shape = shape
         self.outer = outer
         self.depth: int = 0 if outer is None else outer.depth + 1
         self.given: dict[str, Any] = {}
-        self.words: dict[str, Any] = {}  # what an item knows of itself
+        self.words: dict[str, Any] = {}
+        """The words of an item: `index`, `last`, `previous`."""
         self.records: dict[str, _Record | list[_Record]] = {}
-        self.all = tuple(flat(segments))
-        self.by_name = _by_name(self.all)
-        self.inputs = {name for segment in self.all for part in _built(segment) for name in names_in(part.root)}
+        self.by_name = shape.by_name
         self.working: set[str] = set()
 
     # ---- names --------------------------------------------------------------------------------------------
 
     def __getitem__(self, name: str) -> Any:
-        """A value of this record, worked out if need be, of those around it, or of the context."""
+        """Return a value of this record (evaluated if necessary), of a record around it, or of the context."""
         if name in self.records:
             return self.records[name]
         if name in self.given:
@@ -298,7 +355,7 @@ class _Record:
         raise MissingName(name)
 
     def language_attribute(self, name: str) -> Any:
-        """What a dot finds in this record: what is computed too, nothing for what is not there."""
+        """Return the value that a dot finds in this record, computed values included; None for an absent segment."""
         if name not in self.by_name:
             raise KeyError(name)
         when = self.by_name[name].when
@@ -313,7 +370,7 @@ class _Record:
                 return segment.constants[0]
             expression = segment.is_ or segment.build or segment.default
         elif isinstance(segment, model.Value):
-            expression = segment.build or (None if name in self.inputs else segment.read)
+            expression = segment.build or (None if name in self.shape.inputs else segment.read)
         elif isinstance(segment, model.Bits):
             part = next(part for part in segment.parts if part.name == name)
             if part.constants:
@@ -330,17 +387,20 @@ class _Record:
         return evaluate(expression.root, self)
 
     def known(self, node: Node) -> Any:
-        """The value of a part of an expression; None when something in it has no value yet."""
+        """Return the value of a part of an expression; None while a name in it has no value."""
         try:
             return evaluate(node, self)
         except (MissingName, *EVALUATION_ERRORS):
             return None
 
+    def _hints(self, name: str) -> Hints:
+        return self.shape.conditions.hints(name, self.known)
+
     # ---- values -------------------------------------------------------------------------------------------
 
     def make(self) -> dict[str, Any]:
-        """Values of all segments, in their order. Raises what expressions raise that cannot be worked out."""
-        self._all(self.segments)
+        """Return values of all segments, in their order. Raise the error of an expression that cannot be evaluated."""
+        self._all(self.shape.segments)
         return self.given
 
     def _all(self, segments: tuple[Segment, ...]) -> None:
@@ -366,8 +426,8 @@ class _Record:
                         self._put(name, value)
 
     def _holds(self, when: Expression) -> bool:
-        """Whether a condition holds; what it reads of the segments that follow gets its value now."""
-        for _ in self.all:
+        """Return whether a condition holds; later segments that it reads get their values first."""
+        for _ in self.by_name:
             try:
                 return bool(evaluate(when.root, self))
             except MissingName as missing:
@@ -395,7 +455,7 @@ class _Record:
             case model.Repeat():
                 return self._repeat(segment)
             case Segment(is_record=True):
-                record = _Record(self.sampler, self.random, segment.members, self)
+                record = _Record(self.sampler, self.random, self.sampler.record(segment), self)
                 values = record.make()
                 self.records.update((name, record) for name in segment.value_names)
                 return values
@@ -403,13 +463,13 @@ class _Record:
                 return self._inner(frames)
             case model.Nested(frame=frame):
                 return self._inner((frame,))[frame]
-            case model.Value(build=None, name=name) if name in self.inputs:
-                allowed = (hints_of(self.all, self.known).get(name) or Hints()).allowed
+            case model.Value(build=None, name=name) if name in self.shape.inputs:
+                allowed = self._hints(name).allowed
                 return self.random.choice(allowed) if allowed else self._as_read(segment)
         return _LEFT_OUT
 
     def _as_read(self, value: model.Value) -> Any:
-        """Return a value as it would be read: worked out of free values of the fields that it follows from."""
+        """Return a value as decoding would give it: evaluated from free values of the fields that it reads."""
         keys: dict[str, list[int]] = {}
         tables = self.sampler.codec.protocol.tables
         for node in walk(value.read.root):
@@ -430,23 +490,20 @@ class _Record:
             self.given = before
         return self.random.randrange(32) if found is None else found
 
-    def _inside(self, segments: tuple[Segment, ...]) -> dict[str, Any]:
-        return _Record(self.sampler, self.random, segments, self).make()
-
     def _inner(self, frames: tuple[str, ...]) -> Any:
         known = self.sampler.codec.protocol.frames
         usual = [name for name in frames if known[name].refuse is None] or list(frames)
         if self.depth > DEEPEST or not usual:
             raise KeyError("inner")
         name = self.random.choice(usual)
-        return {name: self._inside(known[name].segments)}
+        return {name: _Record(self.sampler, self.random, self.sampler.frame(name), self).make()}
 
     def _bits(self, part: model.BitsPart) -> Any:
         if part.is_ is not None or part.build is not None:
             return _LEFT_OUT
         if part.constants:
             return self.random.choice(part.constants)
-        hints = hints_of(self.all, self.known).get(part.name) or Hints()
+        hints = self._hints(part.name)
         least, most = hints.least or 0, (1 << min(part.high - part.low + 1, 32)) - 1
         most = most if hints.most is None else min(most, hints.most)
         choice = list(part.values or ()) if hints.allowed is None else hints.allowed
@@ -472,7 +529,7 @@ class _Record:
         return self._free(field)
 
     def _free(self, field: model.Field) -> Any:
-        hints = hints_of(self.all, self.known).get(field.name) or Hints()
+        hints = self._hints(field.name)
         match field.type.kind:
             case "ascii":
                 return self._text(field, hints)
@@ -504,7 +561,7 @@ class _Record:
         return number * unit
 
     def _span(self, field: model.Field, unit: int) -> tuple[int, int]:
-        """Least and greatest number on the wire less `plus`, in units."""
+        """Return the least and the greatest number on the wire less `plus`, in units."""
         type_ = field.type if field.long is None else field.long.type
         bounds = type_.bounds or (0, 10 ** min(self._size(type_.size), 8) - 1)
         least, most = bounds[0] - field.plus, bounds[1] - field.plus
@@ -515,7 +572,7 @@ class _Record:
         return least, most
 
     def _some(self, least: int, most: int) -> int:
-        """A number; mostly a small one, so that what it counts stays small."""
+        """Return a number, mostly a small number, because it may be a count."""
         if most < least:
             raise ValueError("no number is possible")
         kind = self.random.random()
@@ -546,7 +603,7 @@ class _Record:
     # ---- sizes --------------------------------------------------------------------------------------------
 
     def _size(self, size: model.Size | None, name: str = "") -> int:
-        """A size in bytes or places: a number, what an expression comes to, or a small one where nothing fixes it."""
+        """Return a size in bytes or digits: the constant, the value of the expression, or else a small free size."""
         if isinstance(size, int):
             return size
         if isinstance(size, Expression):
@@ -558,14 +615,13 @@ class _Record:
         return self._free_size(name, 0)
 
     def _free_size(self, name: str, least: int) -> int:
-        """How long something may be whose length is computed from it."""
+        """Return a size for data whose length field is computed from it."""
         unit, most = 1, least + 8
-        for segment in self.all:
-            if isinstance(segment, model.Length) and name in segment.of:
-                unit = max(unit, segment.unit)
-                if segment.limits is not None and len(segment.of) == 1:
-                    least = max(least, (segment.limits[0] - segment.plus) * segment.unit)
-                    most = min(max(most, least), (segment.limits[1] - segment.plus) * segment.unit)
+        for segment in self.shape.lengths.get(name, ()):
+            unit = max(unit, segment.unit)
+            if segment.limits is not None and len(segment.of) == 1:
+                least = max(least, (segment.limits[0] - segment.plus) * segment.unit)
+                most = min(max(most, least), (segment.limits[1] - segment.plus) * segment.unit)
         size = self.random.randint(max(least, 0), max(least, most, 0))
         return -(-size // unit) * unit
 
@@ -590,7 +646,7 @@ class _Record:
         alike = self.random.random() < 0.5 and repeat.until is None
         for place in range(times):
             if not records or not alike:
-                record = _Record(self.sampler, self.random, item_of(repeat, place == times - 1), self)
+                record = _Record(self.sampler, self.random, self.sampler.item(repeat, place == times - 1), self)
                 previous = records[-1] if records else None
                 record.words = {model.INDEX: place, model.LAST: place == times - 1, model.PREVIOUS: previous}
                 record.make()
@@ -598,9 +654,9 @@ class _Record:
         return [record.given[model.PLAIN] if repeat.single else dict(record.given) for record in records]
 
     def _times(self, repeat: model.Repeat) -> int:
-        counts = [part for part in self.all if isinstance(part, model.Count) and part.of == repeat.name]
-        if counts:
-            least, most = counts[0].limits or (0, 3)
+        count = self.shape.counts.get(repeat.name)
+        if count is not None:
+            least, most = count.limits or (0, 3)
             return self.random.randint(least, max(least, min(most, least + 2)))
         if repeat.times is None or repeat.times == "rest":
             return self.random.randint(1, 3)
@@ -608,7 +664,7 @@ class _Record:
 
 
 def item_of(repeat: model.Repeat, is_last: bool) -> tuple[Segment, ...]:
-    """The segments of an item; whether it ends the list is a condition that its values have to meet."""
+    """Return the segments of an item, with the condition that it ends the list, or does not end it."""
     until = repeat.until
     if until is None:
         return repeat.members
@@ -633,7 +689,7 @@ def _by_name(segments: tuple[Segment, ...]) -> dict[str, Segment]:
 
 
 def _built(segment: Segment) -> list[Expression]:
-    """The expressions that compute something from other values when building."""
+    """Return the expressions by which encoding computes a value of the segment from other values."""
     if isinstance(segment, model.Bits):
         return [part.build for part in segment.parts if part.build is not None]
     build = segment.build if isinstance(segment, (model.Field, model.Value)) else None

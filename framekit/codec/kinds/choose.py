@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
@@ -52,12 +52,13 @@ class ChooseKind(SegmentKind[Choose]):
         if absent := d.absent(segment):
             d.out.add(absent)
         d.out.add(f'case = n.ask(lambda n: {text}, "value", {d.named(segment)})')
+        without_others = d.without_other_cases(segment)
         for header, segments in _headers(d, segment, "case"):
             with d.out.block(header):
-                _diagnose_case(d, segment, segments, scope, behind)
+                _diagnose_case(d, without_others, segments, scope, behind)
         with d.out.block("else:"):
             if segment.otherwise is not None:
-                _diagnose_case(d, segment, segment.otherwise, scope, behind)
+                _diagnose_case(d, without_others, segment.otherwise, scope, behind)
             else:
                 d.out.add(
                     f'raise n.stop("value", {d.named(segment)}, "one of the cases", str(case){d.refuse(segment)})'
@@ -99,8 +100,10 @@ def _headers(writer: FunctionWriter, choose: Choose, on: str) -> Iterator[tuple[
         yield f"{'elif' if place else 'if'} {test}:", segments
 
 
-def _diagnose_case(d: DiagnosisWriter, segment: Choose, case: Segments, scope: Scope, behind: Behind) -> None:
-    if absent := d.without((segment,), case):
+def _diagnose_case(
+    d: DiagnosisWriter, without_others: Callable[[Segments], str], case: Segments, scope: Scope, behind: Behind
+) -> None:
+    if absent := without_others(case):
         d.out.add(absent)
     d.declare(case, scope)  # another case may have a record or list of the same name
     d.list(case, scope, behind, all_is_read=False)

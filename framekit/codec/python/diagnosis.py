@@ -1,12 +1,12 @@
 """`diagnose_…` of a frame: a careful function made of calls, one a segment, that finds the first fault and all places.
 
-What the calls do is `runtime_diagnosis`; here they are only put down in the order of the segments. The kinds of
+`runtime_diagnosis` has the called methods; this module writes the calls in the order of the segments. The kinds of
 segments write their own calls.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 from framekit.codec.python import forms
@@ -22,13 +22,13 @@ from framekit.codec.python.function import (
 )
 from framekit.codec.python.module import Module
 from framekit.codec.python.registry import kind_of, write_docstring
-from framekit.codec.python.source import Source, bytes_literal, literal, quoted
+from framekit.codec.python.source import MOST_NAMES, Source, bytes_literal, literal, quoted
 from framekit.definition.expression import BIT_OR, PRODUCT, Expression
 from framekit.definition.model.frames import Frame, everything, flat, without_when
 from framekit.definition.model.segments import Check, Const, Count, Field, FieldType, Length, Segment
 
 Behind = tuple[tuple[Segment, Scope], ...]
-"""What follows a segment in its buffer, with the scopes of its names."""
+"""The segments that follow a segment in its buffer, each with the scope of its names."""
 
 
 def write_diagnosis(
@@ -66,7 +66,7 @@ def checks_option(segments: tuple[Segment, ...]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """A call that needs what comes later: all segments and values of these paths."""
+    """A call that needs later segments: those of these paths, and their values."""
 
     line: str
     paths: frozenset[str]
@@ -108,7 +108,7 @@ class DiagnosisWriter(FunctionWriter):
         return f"lambda n: {self.writer(scope).text(what, PRODUCT if factor else 0)}{factor}"
 
     def behind(self, after: Behind) -> str:
-        """Text of the bytes behind a segment that reaches to the end; a `lambda` if some may be absent."""
+        """Return source of the number of bytes after a segment of open end; a `lambda` if some may be absent."""
         after = tuple(self._in_place_of_records(after))
         if not self.knows_behind(after):
             return self._constant_behind(after[0][0])
@@ -125,7 +125,7 @@ class DiagnosisWriter(FunctionWriter):
         )
 
     def _is_told(self, segment: Segment, scope: Scope) -> bool:
-        """Whether it can be told already if the segment is there."""
+        """Return whether the names that the segment's condition reads have been read already."""
         when = segment.when
         entries = () if when is None else entries_read(when.root, scope, self.field_names)
         return all(id(entry) in self.read_entries for entry in entries)
@@ -172,7 +172,7 @@ class DiagnosisWriter(FunctionWriter):
     def region(
         self, segments: tuple[Segment, ...], scope: Scope, frame: Frame | None = None, *, all_is_read: bool = True
     ) -> None:
-        """A whole buffer. What stands behind its last variable part is read from the end, whatever came before."""
+        """Write the calls of a whole buffer. Segments after its last variable part are read from the end."""
         self.declare(segments, scope)
         if frame is not None and frame.delimited and frame.tail and isinstance(frame.tail[0], Const):
             self._delimited(frame, scope, frame.tail[0].data[0])
@@ -187,7 +187,7 @@ class DiagnosisWriter(FunctionWriter):
         self.finish(all_is_read=all_is_read)
 
     def _delimited(self, frame: Frame, scope: Scope, mark: int) -> None:
-        """A frame whose body ends where its tail begins, whatever is in it."""
+        """Write the calls of a frame whose body ends where its tail begins."""
         surplus = "" if frame.surplus is None else f", surplus={frame.surplus:#x}"
         behind = tuple((segment, scope) for segment in (*frame.body, *frame.tail))
         self.list(frame.head, scope, behind, finish=False)
@@ -203,16 +203,17 @@ class DiagnosisWriter(FunctionWriter):
         finish: bool = True,
         all_is_read: bool = True,
     ) -> None:
-        """The segments of a list; `after`: what follows them in the buffer.
+        """Write the calls of a list of segments; `after`: the segments that follow it in the buffer.
 
-        `finish`: what can be compared at its end is; `all_is_read`: everything, as nothing more of the record comes.
+        `finish`: write the deferred comparisons that are possible at its end; `all_is_read`: write all of them, as the
+        record is complete.
         """
-        segments = tuple(segments)
+        pairs = tuple((segment, scope) for segment in segments)
         outside = self.deferred
         if finish:
             self.deferred = []
-        for place, segment in enumerate(segments):
-            behind = (*((other, scope) for other in segments[place + 1 :]), *after)
+        for place, (segment, _) in enumerate(pairs):
+            behind = (*pairs[place + 1 :], *after)
             if segment.when is not None:
                 self._conditional(segment, scope, behind)
             else:
@@ -228,7 +229,7 @@ class DiagnosisWriter(FunctionWriter):
         self.deferred.append(Comparison(line, paths_read(segment, self.all_paths, *needed)))
 
     def finish(self, *, all_is_read: bool) -> None:
-        """Comparisons that need what comes later."""
+        """Write the comparisons whose segments have been read; with `all_is_read` all comparisons."""
         deferred, self.deferred = self.deferred, []
         for one in deferred:
             if all_is_read or one.paths <= self.passed:
@@ -252,17 +253,44 @@ class DiagnosisWriter(FunctionWriter):
                 for line in absent:
                     self.out.add(line)
 
-    def without(self, segments: Iterable[Segment], there: Iterable[Segment] = ()) -> str:
-        """The call that says that what expressions read of these segments is nothing, but for what is `there`."""
-        known = {name for one in flat(there) for name in one.value_names}
-        wanted = [one for one in flat(segments) if set(one.value_names) & self.asked_by_name - known]
-        records = sorted({path for one in wanted for path in _records_in(one)})
-        names = {name for one in wanted for name in one.value_names} & self.asked_by_name - known - set(records)
-        texts = [literal(tuple(sorted(names))), *([literal(tuple(records))] if records else [])]
-        return f"n.without({', '.join(texts)})" if wanted else ""
+    def without(self, segments: Iterable[Segment]) -> str:
+        """Return the call that marks the names of absent segments as absent, if an expression reads any."""
+        names, records = self._asked_names(segments)
+        return _without(literal(tuple(sorted(names))), literal(tuple(sorted(records)))) if names or records else ""
+
+    def without_other_cases(self, segment: Segment) -> Callable[[Iterable[Segment]], str]:
+        """Return the function from a case to the call that marks the names of the other cases as absent.
+
+        Above `MOST_NAMES` names a local holds those of all cases, so that the source grows with their number only.
+        """
+        names, records = self._asked_names((segment,))
+        local = ""
+        if len(names) + len(records) > MOST_NAMES:
+            local = self.names.fresh("case_names")
+            self.out.add(f"{local} = set({literal(sorted(names))}), {literal(tuple(sorted(records)))}")
+
+        def call(case: Iterable[Segment]) -> str:
+            own = {name for one in flat(case) for name in one.value_names if name in self.asked_by_name}
+            if local:
+                some = literal(tuple(sorted(own)))
+                others = f'tuple(path for path in {local}[1] if path.partition(".")[0] not in {some})'
+                return _without(f"{local}[0].difference({some})", others if records else "()")
+            paths = {path for path in records if path.partition(".")[0] not in own}
+            if not names - own and not paths:
+                return ""
+            return _without(literal(tuple(sorted(names - own))), literal(tuple(sorted(paths))))
+
+        return call
+
+    def _asked_names(self, segments: Iterable[Segment]) -> tuple[set[str], set[str]]:
+        """Return the names of these segments that expressions read, and the paths of the records among them."""
+        wanted = [one for one in flat(segments) if not self.asked_by_name.isdisjoint(one.value_names)]
+        records = {path for one in wanted for path in _records_in(one)}
+        names = {name for one in wanted for name in one.value_names if name in self.asked_by_name}
+        return names - records, records
 
     def absent(self, segment: Segment) -> str:
-        """The call that says that nothing of a segment is there, as far as checks ask for it."""
+        """Return the call that marks a segment as absent for the checks that cover it."""
         paths = [one.path for one in standing_any_way((segment,)) if one.path in self.asked_for]
         return f"n.nothing({', '.join(map(quoted, paths))})" if paths else ""
 
@@ -289,6 +317,11 @@ def inside_of(scope: Scope, name: str) -> Scope:
     entry = scope.find(name)
     assert entry is not None and entry.inside is not None
     return entry.inside
+
+
+def _without(names: str, records: str) -> str:
+    """Return the call that marks names and records as absent; the arguments are source of tuples."""
+    return f"n.without({names})" if records == "()" else f"n.without({names}, {records})"
 
 
 def _records_in(segment: Segment) -> Iterator[str]:

@@ -7,7 +7,7 @@ their own values and bytes.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -30,7 +30,7 @@ from framekit.codec.python.function import FunctionWriter, covers_later, on_the_
 from framekit.codec.python.module import Module
 from framekit.codec.python.reader import not_possible
 from framekit.codec.python.registry import kind_of, struct_order, summary, write_docstring
-from framekit.codec.python.source import Code, Source, bytes_literal, literal, quoted, text_source
+from framekit.codec.python.source import MOST_NAMES, Code, Source, bytes_literal, literal, quoted, text_source
 from framekit.definition.expression import (
     AND,
     BIT_OR,
@@ -1103,7 +1103,7 @@ class EncodeWriter(FunctionWriter):
         outside = self._names_for_others(segment, scope)
         rooms = self._rooms_for_others(segment)
         cases: Cases = kind_of(segment).cases(self, segment, scope, given)
-        everywhere = {name for one in flat((segment,)) for name in one.value_names}
+        other_names = self._other_names(segment)
         known = dict(self.rooms)
         for header, segments in cases:
             here = {one.path for one in flat(segments or ())}
@@ -1113,10 +1113,9 @@ class EncodeWriter(FunctionWriter):
                     self.add('raise EncodeError("", "no case fits")')
                     continue
                 inside = self._branch(segments, scope, given, outside, rooms)
-                others = everywhere - {name for one in flat(segments) for name in one.value_names}
-                if others:
+                if others := other_names(segments):
                     assert given.in_cases is not None
-                    self.add(f"{given.in_cases[1]} += {literal(tuple(sorted(others)))}")
+                    self.add(f"{given.in_cases[1]} += {others}")
                 if room is not None:
                     with self.names_of(segments):
                         paths = [one.path for one in segments if one.takes_bytes]
@@ -1133,6 +1132,25 @@ class EncodeWriter(FunctionWriter):
         self.rooms = known | rooms
         if not has_checks:
             self.wires[path] = wire
+
+    def _other_names(self, segment: Segment) -> Callable[[Iterable[Segment]], str]:
+        """Return the function from a case to source of the names that only other cases have; empty if there are none.
+
+        Above `MOST_NAMES` names a local holds those of all cases, so that the source grows with their number only.
+        """
+        names = {name for one in flat((segment,)) for name in one.value_names}
+        local = ""
+        if len(names) > MOST_NAMES:
+            local = self.names.fresh("case_names")
+            self.add(f"{local} = {literal(sorted(names))}")
+
+        def call(case: Iterable[Segment]) -> str:
+            own = {name for one in flat(case) for name in one.value_names}
+            if local:
+                return f"tuple(name for name in {local} if name not in {literal(tuple(sorted(own)))})"
+            return literal(tuple(sorted(names - own))) if names - own else ""
+
+        return call
 
     def _names_for_others(self, segment: Segment, scope: Scope) -> dict[str, str]:
         """Return locals for the names of a branch that expressions outside of it may read, preset to None."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from heapq import heappop, heappush
 
 from framekit.codec.python import forms
 from framekit.codec.python.function import covered_parts, covered_paths, on_the_wire, standing
@@ -49,18 +50,28 @@ class Task:
 def run_in_order(tasks: list[Task]) -> None:
     """Run every task after its dependencies, in the given order as far as possible."""
     givers = {name: task for task in tasks for name in task.gives}
-    while pending := [task for task in tasks if not task.done]:
-        ready = next((task for task in pending if not _open(task, givers)), None)
-        if ready is None:
-            given = [task for task in pending if task.may_be_given]
-            ready = next((task for task in given if task.prefer), (given or pending)[0])
-        ready.done = True
-        ready.write(_open(ready, givers))
+    missing = [{name for name in task.waits_for if givers.get(name, task) is not task} for task in tasks]
+    waiting: dict[str, list[int]] = {}
+    for place, names in enumerate(missing):
+        for name in names:
+            waiting.setdefault(name, []).append(place)
+    ready = [place for place, names in enumerate(missing) if not names]  # in order, so it is a heap
+    in_circles = iter(sorted(range(len(tasks)), key=lambda place: (*_rank(tasks[place]), place)))
+    for _ in tasks:
+        place = heappop(ready) if ready else next(place for place in in_circles if not tasks[place].done)
+        task = tasks[place]
+        task.done = True
+        task.write(set(missing[place]))
+        for name in (name for name in task.gives if givers[name] is task):
+            for other in waiting.pop(name, ()):
+                missing[other].discard(name)
+                if not missing[other] and not tasks[other].done:
+                    heappush(ready, other)
 
 
-def _open(task: Task, givers: dict[str, Task]) -> set[str]:
-    """Return the names that a task still waits for."""
-    return {name for name in task.waits_for if name in givers and not givers[name].done and givers[name] is not task}
+def _rank(task: Task) -> tuple[bool, bool]:
+    """Return the rank of a task in a circle: the task with the least rank is written first."""
+    return not (task.may_be_given and task.prefer), not task.may_be_given
 
 
 class Coverage:

@@ -23,7 +23,7 @@ from framekit.codec.python.measure import write_extent, write_measurer
 from framekit.codec.python.module import BUILT_IN, Module, inlined_names, used_methods
 from framekit.codec.python.reader import not_possible
 from framekit.codec.python.runtime_diagnosis import Diagnosis
-from framekit.codec.python.source import Source, identifier, literal, numbered, quoted
+from framekit.codec.python.source import Names, Source, identifier, literal, quoted
 from framekit.definition.expression import Conditional, Expression, Number
 from framekit.definition.kinds.repeat import ITEM_WORDS
 from framekit.definition.model.frames import Frame, Layout, everything, names_read
@@ -38,18 +38,18 @@ def default_values(protocol: Protocol, names: Iterable[str]) -> dict[str, Any]:
 
 
 MISMATCHES = "MISMATCHES = (ValueError, LookupError, TypeError, ArithmeticError, AttributeError, struct_error)"
-"""The line that says what is raised where something does not fit; of `struct`, `error` as `struct_error`."""
+"""The line with the errors that functions raise for data that do not fit; `struct_error` is `struct.error`."""
 
 _MADE = "RangeTable("
 MEASURE_NOTE = """\
 `measure_…(data, start, end)` tells how long the frame at data[start] is: its length when it is complete; 0 when no
 such frame begins there; a negative number when it wants so many bytes more at least; QUIET when only silence ends it;
 LOST when its end cannot be found because the bytes are damaged."""
-"""What is said of the functions that measure."""
+"""The part of the module's docstring about the functions that measure."""
 
 
 def constants(module: Module) -> Source:
-    """Tables, structs and sets, which stand on nothing."""
+    """Return the source of tables, structs and sets, which need no helper."""
     out = Source()
     for name, text in module.tables.values():
         if not text.startswith(_MADE):
@@ -62,7 +62,7 @@ def constants(module: Module) -> Source:
 
 
 def late_constants(module: Module) -> Source:
-    """Constants that are made with helpers."""
+    """Return the source of constants that helpers compute."""
     out = Source()
     for name, text in module.tables.values():
         if text.startswith(_MADE):
@@ -151,7 +151,7 @@ def _name(segment: Segment, numbers: Iterator[int]) -> str:
 
 
 ENCODER = "encode_outermost"
-"""What the encoder of the outermost frame is called."""
+"""The name of the encoder of the outermost frame."""
 
 
 class BuilderModules:
@@ -189,8 +189,8 @@ _RULE = "-" * 98
 
 
 def generate_source(protocol: Protocol, standalone: bool = True) -> str:
-    """The module of a protocol as text. Stand-alone it needs nothing but Python 3.11; else it shares the error classes
-    of framekit. Raises DefinitionError for a frame whose parts cannot be found."""
+    """Return the module of a protocol as text. A stand-alone module needs Python 3.11 only; others share the error
+    classes of framekit. Raise DefinitionError for a frame whose parts cannot be found."""
     return ModuleWriter(protocol, standalone).text()
 
 
@@ -204,13 +204,15 @@ class ModuleWriter:
         self.module = Module(protocol, standalone)
         self.helpers = inlined_names()
         self.identifiers: dict[str, str] = {}
-        self.taken: set[str] = set()
+        parts = [helper.partition("_") for helper in self.helpers]
+        self.names = Names(name for what, _, name in parts if what in (*_FUNCTIONS, "extent"))
         self.layouts: dict[str, str] = {}
         self.frames_part: list[Source] = []
         self.diagnose_part: list[Source] = []
         self.extents: set[str] = set()
         self.fused: dict[str, tuple[str, int]] = {}
         self.builders: dict[tuple[str, ...], str] = {}
+        self.builder_names = Names(self.helpers)
 
     def text(self) -> str:
         for name, frame in self.protocol.frames.items():
@@ -239,11 +241,7 @@ class ModuleWriter:
         return "\n\n".join(part.text().rstrip("\n") + "\n" for part in parts)
 
     def _identifier(self, name: str) -> str:
-        what = (*_FUNCTIONS, "extent")
-        helpers = {one.partition("_")[2] for one in self.helpers if one.startswith(tuple(f"{word}_" for word in what))}
-        found = numbered(identifier(name).strip("_"), self.taken | helpers)
-        self.taken.add(found)
-        return found
+        return self.names.take(identifier(name).strip("_"))
 
     # ---- frames and layouts -------------------------------------------------------------------------------
 
@@ -266,7 +264,7 @@ class ModuleWriter:
         self.diagnose_part.append(write_diagnosis(self.module, known, name, segments, frame))
 
     def _builders(self) -> None:
-        """What builds the frames that stand in no other, each with what may stand in it."""
+        """Write builders of the frames that stand in no other frame, for each row of frames inside them."""
         inside = {name for frame in self.protocol.frames.values() for name in inner_frames(frame)}
         for name in self.protocol.frames:
             if name not in inside:
@@ -275,7 +273,7 @@ class ModuleWriter:
 
     def _builder(self, levels: tuple[Level, ...]) -> None:
         frames = tuple(level.frame.name for level in levels)
-        found = numbered(builder_name(frames), self.helpers | {*self.builders.values()})
+        found = self.builder_names.take(builder_name(frames))
         encoder, context = f"encode_{self.identifiers[frames[0]]}", "ctx: Context = DEFAULTS"
         builder = write_plain_builder(self.module, found, encoder, levels, context)
         if builder is not None:
@@ -290,7 +288,7 @@ class ModuleWriter:
         self.diagnose_part.append(write_diagnosis(self.module, known, name, segments, None))
 
     def _stands_alone(self, layout: Layout) -> bool:
-        """Whether a layout reads nothing of a frame around it."""
+        """Return whether a layout reads only names of its own and of the protocol."""
         segments = layout.segments
         if not segments:
             return False
@@ -407,9 +405,9 @@ class ModuleWriter:
 
 
 def refuse_vague_checks(segments: tuple[Segment, ...]) -> None:
-    """In a list, or a record that may be absent, 'everything before' could mean that or the frame.
+    """Raise DefinitionError for a check over 'everything before' in a list, or in a record that may be absent.
 
-    Raises DefinitionError for such a check.
+    'Everything before' could mean the list or record there, or the frame.
     """
     for holder in everything(segments):
         if holder.is_list:

@@ -1,7 +1,7 @@
-"""What the functions of one generated module share: inlined helpers, structs, tables, check codes, context names.
+"""The shared parts of one generated module: inlined helpers, structs, tables, check codes, context names.
 
-Everything is registered when a function first asks for it, so that a module holds only what it uses. It knows no
-segments.
+Each part is registered when a function first asks for it, so a module contains only the parts that it uses. No kind of
+segment is known here.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from framekit.codec.checks import FUNCTIONS, source_of
 from framekit.codec.python import runtime, runtime_diagnosis
 from framekit.codec.python.choices import in_order
 from framekit.codec.python.expressions import ExpressionWriter, NameEntry, Scope
-from framekit.codec.python.source import OWN_WORDS, Code, Identifiers, Source, literal, numbered, quoted, text_source
+from framekit.codec.python.source import OWN_WORDS, Code, Identifiers, Names, Source, literal, quoted, text_source
 from framekit.definition.expression import BIT_AND
 from framekit.definition.model.checks import CheckMethod
 from framekit.definition.model.frames import StaticSizes, everything
@@ -113,31 +113,26 @@ def inlined_names() -> frozenset[str]:
 
 @cache
 def _names_of_added() -> Mapping[tuple[str, str], str]:
-    """What generated modules call the functions and imports of added ones, by module and name.
+    """Return the names that functions and imports of added modules have in generated modules, by module and name.
 
-    Two of one name stay apart; what several modules import is imported once.
+    Two functions of one name get different names; an import of several modules appears once.
     """
-    taken = {*dir(builtins), *OWN_WORDS, *(name for module in _INLINED[:OWN_HELPERS] for name in vars(module))}
+    names = Names({*dir(builtins), *OWN_WORDS, *(name for one in _INLINED[:OWN_HELPERS] for name in vars(one))})
     imported = {one: name for module in _INLINED[:OWN_HELPERS] for name, one in _imports_of(module).items()}
     found: dict[tuple[str, str], str] = {}
-
-    def apart(name: str) -> str:
-        own = numbered(name, taken)
-        taken.add(own)
-        return own
 
     for module in _INLINED[OWN_HELPERS:]:
         for name, one in _imports_of(module).items():
             if one not in imported:
-                imported[one] = apart(name) if one.may_be_renamed else name
+                imported[one] = names.take(name) if one.may_be_renamed else name
             found[module.__name__, name] = imported[one]
     for module in _INLINED[OWN_HELPERS:]:
-        found |= {(module.__name__, name): apart(name) for name in sorted(_defined(module))}
+        found |= {(module.__name__, name): names.take(name) for name in sorted(_defined(module))}
     return found
 
 
 def _home_of(name: str) -> Any:
-    """The module of framekit that a helper is defined in. Raises ValueError where there is none of that name."""
+    """The module of framekit that a helper is defined in. Raise ValueError for an unknown name."""
     found = next((module for module in _INLINED[:OWN_HELPERS] if name in _defined(module)), None)
     if found is None:
         raise ValueError(f"framekit has no helper '{name}' – give the function itself, not its name")
@@ -170,7 +165,7 @@ class Import(NamedTuple):
 
 @cache
 def _imports_of(module: Any) -> Mapping[str, Import]:
-    """What a module imports at its top by the names it has there, but for what is of framekit."""
+    """Return the imports at the top of a module by name, those of framekit excluded."""
     found: dict[str, Import] = {}
     for node in ast.parse(inspect.getsource(module)).body:
         if isinstance(node, ast.Import):
@@ -272,7 +267,7 @@ class Module:
         return name
 
     def _name_of(self, helper: Callable[..., Any]) -> str:
-        """What a function of an added module is called here."""
+        """Return the name that a function of an added module has here."""
         name = _names_of_added().get((helper.__module__, helper.__name__))
         if name is None:
             what = f"nothing has brought the function '{helper.__qualname__}' of '{helper.__module__}'"
@@ -307,9 +302,9 @@ class Module:
     def list_structs(
         self, before: str, code: str, order: str, *hint: str, packs: bool = False, most: int | None = None
     ) -> str:
-        """The module constant of structs by the number of values that follow what is `before` them.
+        """Return the module constant of structs: the codes `before`, then a number of values, which is the index.
 
-        `packs`: of their `pack`, those of up to `most` values in a list, which is sooner asked than a mapping.
+        `packs`: of their `pack` methods. `most`: they are a list up to this number of values, faster than a mapping.
         """
         before, order = (order or ">") + before, order or ">"
         if most is None:
@@ -336,7 +331,7 @@ class Module:
         return self.tables[name][0]
 
     def value_names(self, values: Mapping[int, str], hint: str) -> str:
-        """The module constant of a mapping number → name, the definition's table of that content if there is one."""
+        """Return the module constant of a mapping number → name; a table of this content is used."""
         for name, table in self.protocol.tables.items():
             if not table.ranges and dict(table.entries) == dict(values):
                 found = self.table(name)
@@ -388,12 +383,12 @@ class Module:
         return name
 
     def embedded(self, wrap: Wrap) -> str:
-        """Text of the frames that may stand in a wrap, as far as they are nothing but constants; '' for none."""
+        """Return source of the frames inside a wrap that consist of constants; '' if there are none."""
         found = self.embedded_frames(wrap)
         return literal(tuple(found)) if found else ""
 
     def embedded_frames(self, wrap: Wrap) -> list[bytes]:
-        """The bytes of those frames; the second one tells them apart from what else begins with the escape byte."""
+        """Return the bytes of these frames; their second byte distinguishes them from other uses of the escape byte."""
         found = []
         for name in wrap.inside:
             segments = self.protocol.frames[name].segments
@@ -403,7 +398,7 @@ class Module:
         return found
 
     def among(self, names: Iterable[str], *hint: str) -> str:
-        """The module constant that tells whether all keys of a mapping are among these names."""
+        """Return the module constant that checks whether all keys of a mapping are among these names."""
         text = f"frozenset({literal(tuple(sorted(names)))}).issuperset"
         if text not in self.sets:
             self.sets[text] = self.names.constant(*hint, "free")
@@ -426,7 +421,7 @@ class Module:
         return source.expression
 
     def mac(self, method: CheckMethod, data: str, key: str, size: int) -> str:
-        """Text of a code made with a key: the number of its first `size` bytes. `key`: the text of what it needs."""
+        """Return source of a keyed code: the number of its first `size` bytes. `key`: source of its operands."""
         if method.kind == "code":
             return f"{self.function('first_bytes')}({self._own_code(method)}({data}, {key}), {size})"
         name, _, way = method.kind.partition("-")
@@ -478,7 +473,7 @@ class Module:
         return f"ctx[{quoted(name)}]"
 
     def known(self, name: str, segments: Segments) -> str:
-        """The name of a context value. Raises DefinitionError for that of a segment: nothing can read it there."""
+        """Return the name of a context value. Raise DefinitionError for a segment's name, which has no value here."""
         protocol = self.protocol
         segment = next((one for one in everything(segments) if name in (one.name, *one.value_names)), None)
         if segment is not None and name not in protocol.params and name not in protocol.state and name not in BUILT_IN:

@@ -1,8 +1,8 @@
 """Python source being written: lines with indentation, long ones broken at brackets, literals as people write them.
 
 This is the one place where text of a file becomes source: `quoted`, `text_source`, `docstring` and `comment` write
-signs as `repr` does, so that it stays text whatever it holds. All other text of a line is the generator's own. It knows
-Python's layout and nothing of protocols.
+signs as `repr` does, so that the text stays data. All other text of a line is the generator's own. The module knows
+Python's layout and no protocol.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import builtins
 import keyword
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
 from itertools import groupby
@@ -23,11 +23,13 @@ INDENT = "    "
 _NAMED_ALIKE = re.compile(r'"(\w+)": \1_?')
 _MANY = 5
 """So many entries of a mapping that are called like their values share lines."""
+MOST_NAMES = 16
+"""Names of other cases that the code of a case lists; more are listed once for all cases."""
 _OPENING, _CLOSING = "([{", ")]}"
 
 
 class Source:
-    """Lines of a module or a function; `block` indents what is added inside it."""
+    """Lines of a module or a function; `block` indents the lines added inside it."""
 
     def __init__(self, depth: int = 0) -> None:
         self.lines: list[str] = []
@@ -49,7 +51,7 @@ class Source:
         self.lines.append(f"{INDENT * self.depth}# {printable(text)}")
 
     def docstring(self, *lines: str) -> None:
-        """A docstring of these lines, whatever they hold."""
+        """Add a docstring of these lines; quotes, backslashes and control characters in them are escaped."""
         indent = INDENT * self.depth
         # between triple quotes no quotes stand before others or at the end of a line without a backslash
         first, *others = [printable(re.sub(r'"(?="|\Z)', r"\"", line.replace("\\", "\\\\"))) for line in lines]
@@ -123,7 +125,7 @@ def broken(line: str) -> list[str]:
 
 
 def _joined(text: str, word: str, indent: str) -> list[str]:
-    """What an operator joins, each on lines of its own, deeper than `indent` and with the operator in front."""
+    """Return the operands of an operator, each on lines of its own, deeper than `indent`, with the operator first."""
     first, *others = _split(text, word)
     found = broken(f"{indent}{INDENT}{first}")
     for part in others:
@@ -219,7 +221,7 @@ def literal(value: Any) -> str:
 
 
 class Code(str):
-    """Source inside a text: what it gives is shown when the text is needed."""
+    """Source inside a text: its value is formatted when the text is needed."""
 
 
 def text_source(*parts: str | Code) -> str:
@@ -236,7 +238,7 @@ def text_source(*parts: str | Code) -> str:
 
 
 def quoted(text: str) -> str:
-    """The text in double quotes, whatever it holds."""
+    """Return the text as a string literal in double quotes."""
     return f'"{_escaped(text)}"'
 
 
@@ -281,40 +283,55 @@ def constant_name(*names: str) -> str:
     return identifier("_".join(identifier(name).strip("_") for name in names)).upper()
 
 
-def numbered(wanted: str, taken: Collection[str]) -> str:
-    """A name that is free: `wanted`, with `_2`, `_3` … behind if need be."""
-    found, number = wanted, 1
-    while found in taken:
-        number += 1
-        found = f"{wanted}_{number}"
-    return found
+class Names:
+    """Give out each name once, equal names numbered `NAME_2`, `NAME_3` …, in time that does not grow with their number.
+
+    `taken`: names that are never given out.
+    """
+
+    def __init__(self, taken: Iterable[str] = ()) -> None:
+        self._taken = set(taken)
+        self._numbers: dict[str, int] = {}
+        """The last number of each wanted name."""
+
+    def reserve(self, names: Iterable[str]) -> None:
+        """Take names without giving them out."""
+        self._taken.update(names)
+
+    def take(self, wanted: str, numbered: str = "", first: int = 2) -> str:
+        """Return `wanted` if it is free, or else the free name `NUMBERED_N` with the least number from `first`.
+
+        `numbered`: the name before the number, if it is not `wanted`; the number 1 is left out.
+        """
+        found, number = wanted, self._numbers.get(wanted, first - 1)
+        while found in self._taken:
+            number += 1
+            found = f"{numbered or wanted}_{number if number > 1 else ''}"
+        self._numbers[wanted] = number
+        self._taken.add(found)
+        return found
 
 
 class Identifiers:
-    """Gives out names that are not taken yet. `reserved` are those that may never be given out."""
+    """Give out identifiers that are free. `reserved`: names that are never given out."""
 
     def __init__(self, reserved: Iterable[str] = ()) -> None:
-        self._taken = {*reserved, *_PYTHON}
+        self._names = Names({*reserved, *_PYTHON})
 
     def fresh(self, name: str) -> str:
-        """`name` as an identifier that is free: with `_` or `_2`, `_3` … behind if need be."""
+        """Return `name` as a free identifier, numbered `NAME_`, `NAME_2`, `NAME_3` … if the name is taken."""
         wanted = identifier(name)
         if wanted.startswith(_OWN_PREFIXES):
             wanted += "_"
         return self._take(wanted)
 
     def reserve(self, names: Iterable[str]) -> None:
-        """Names that are taken."""
-        self._taken.update(names)
+        """Take names without giving them out."""
+        self._names.reserve(names)
 
     def constant(self, *names: str) -> str:
         """A module constant that is free."""
         return self._take(constant_name(*names))
 
     def _take(self, wanted: str) -> str:
-        found, number = wanted, 1
-        while found in self._taken:
-            number += 1
-            found = f"{wanted.rstrip('_')}_" if number == 2 else f"{wanted.rstrip('_')}_{number - 1}"
-        self._taken.add(found)
-        return found
+        return self._names.take(wanted, wanted.rstrip("_"), first=1)
