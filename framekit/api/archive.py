@@ -240,7 +240,7 @@ class _Rows:
         return len(self._rows)
 
     def add(self, channel: int, seen: Seen) -> None:
-        """Takes one thing seen."""
+        """Take one thing seen."""
         fields = self._plain.to_plain(seen.frame, seen.fields)
         is_bad = seen.kind == "bad"
         self._rows.append(
@@ -252,7 +252,7 @@ class _Rows:
         )  # fmt: skip
 
     def taken(self) -> pa.RecordBatch:
-        """The rows as a batch of columns; none are left."""
+        """Return the rows as a batch of columns; none are left."""
         import pyarrow as pa
 
         schema = _schema()
@@ -317,7 +317,7 @@ def captured_values(
 
 
 def point_of(one: KnownValue) -> str:
-    """The name of an element as a point."""
+    """Return the name of an element as a point."""
     return one.address if one.station is None else f"{one.station}/{one.address}"
 
 

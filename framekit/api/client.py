@@ -181,12 +181,12 @@ class AsyncClient:
 
     @property
     def is_open(self) -> bool:
-        """Whether the port is open now. One that was lost is opened again by itself."""
+        """Return whether the port is open now. One that was lost is opened again by itself."""
         return self._service is not None and self._service.is_open
 
     @property
     def protocol(self) -> Protocol:
-        """The definition that is spoken."""
+        """Return the definition that is spoken."""
         return self.settings.protocol
 
     def _on_state(self, is_open: bool, reason: str) -> None:
@@ -201,7 +201,7 @@ class AsyncClient:
                 opening.set_exception(LineClosedError(reason, "closed", reason))
 
     def _working(self) -> ClientService:
-        """The service, which is open."""
+        """Return the service, which is open."""
         service = self._service
         if service is None or not service.driver.is_open:
             raise LineClosedError(f"{self.settings.port} is not open: {self._why}", "closed", self._why)
@@ -351,7 +351,7 @@ class AsyncClient:
         self, values: Mapping[str, int | float], *, station: Any = None, type: str | None = None,
         order: Order | None = None, params: Mapping[str, Any] | None = None,
     ) -> None:  # fmt: skip
-        """Writes one value to each address; in one request where the protocol has lists. Else as `write`."""
+        """Write one value to each address; in one request where the protocol has lists. Else as `write`."""
         service = self._working()
         to = self.settings.station_for(station)
         if type == "string":
@@ -464,7 +464,7 @@ class AsyncClient:
             raise LineClosedError(f"the line was closed before '{frame}' had left", "closed")
 
     async def wait_for(self, *frames: str, timeout: float | None = None) -> Frame:
-        """The next frame of one of these names (of any, without names) that no exchange took.
+        """Return the next frame of one of these names (of any, without names) that no exchange took.
 
         One that came before the call counts, unless it was taken. `timeout` in seconds. Raises NoReplyError when that
         is over, LineClosedError, RequestError where frames are only looked for during exchanges.
@@ -528,7 +528,7 @@ def aconnect(
     open_within: float = OPEN_WITHIN,
     monitor: Callable[[Seen], None] | None = None,
 ) -> AsyncClient:
-    """A client for asyncio, opened by `async with` or `await`; see `framekit.connect` for the arguments."""
+    """Return a client for asyncio, opened by `async with` or `await`; see `framekit.connect` for the arguments."""
     settings = line_settings(
         protocol, port, role=role, frames_alone=frames_alone, speed=speed, format=format, own=own, station=station,
         params=params,
@@ -573,16 +573,16 @@ class Poll:
 
     @property
     def reads(self) -> int:
-        """How many have ended well."""
+        """Return how many have ended well."""
         return self._reads
 
     @property
     def is_running(self) -> bool:
-        """Whether more will be read."""
+        """Return whether more will be read."""
         return self._polling.is_running
 
     def stop(self) -> None:
-        """Ends it: the callbacks are not called any more."""
+        """End it: the callbacks are not called any more."""
         self._polling.stop()
         if not self._ended.done():
             self._ended.set_result(None)
@@ -646,7 +646,7 @@ def _check_callback(name: str, callback: object) -> None:
 
 
 def frame_of(value: FrameValue) -> Frame:
-    """A frame of the engine as users get it."""
+    """Return a frame of the engine as users get it."""
     fields = {name: plain(item) for name, item in value.complete().items()}
     return Frame(value.frame, fields, value.raw or b"", value.refusal)
 
@@ -661,7 +661,7 @@ P = ParamSpec("P")
 def _waiting(
     method: Callable[Concatenate[AsyncClient, P], Coroutine[Any, Any, T]],
 ) -> Callable[Concatenate[Client, P], T]:
-    """The call that waits for the end of the async client's."""
+    """Return the call that waits for the end of the async client's."""
 
     @functools.wraps(method)
     def call(self: Client, /, *arguments: P.args, **options: P.kwargs) -> T:
@@ -697,12 +697,12 @@ class Client(Closing):
 
     @property
     def is_open(self) -> bool:
-        """Whether the port is open now. One that was lost is opened again by itself."""
+        """Return whether the port is open now. One that was lost is opened again by itself."""
         return self.client.is_open
 
     @property
     def protocol(self) -> Protocol:
-        """The definition that is spoken."""
+        """Return the definition that is spoken."""
         return self.client.protocol
 
     def place(self, address: str) -> Address:
@@ -710,7 +710,7 @@ class Client(Closing):
         return self.client.place(address)
 
     def wait(self, coroutine: Coroutine[Any, Any, T]) -> T:
-        """The result of a coroutine of `client`."""
+        """Return the result of a coroutine of `client`."""
         try:
             return self._thread.wait(coroutine)
         except LoopStoppedError:

@@ -48,21 +48,21 @@ class Protocol:
 
     @property
     def definition(self) -> model.Protocol:
-        """The whole model."""
+        """Return the whole model."""
         return self._definition
 
     @property
     def frames(self) -> tuple[str, ...]:
-        """The names of the frames that stand on the line, in the order of the definition."""
+        """Return the names of the frames that stand on the line, in the order of the definition."""
         return tuple(frame.name for frame in self.definition.frames.values() if not frame.inner)
 
     @property
     def services(self) -> tuple[str, ...]:
-        """The names of the services, `read` and `write` among them."""
+        """Return the names of the services, `read` and `write` among them."""
         return tuple(self.definition.services)
 
     def encode(self, frame: str, /, **fields: Any) -> bytes:
-        """The bytes of a frame. Raises EncodeError (a ValueError) for fields it cannot carry, RequestError."""
+        """Return the bytes of a frame. Raises EncodeError (a ValueError) for fields it cannot carry, RequestError."""
         self._known(frame, self.definition.frames)
         return self._codec.encode(frame, fields, self._scope)
 
@@ -120,7 +120,7 @@ class Protocol:
         ) from None  # fmt: skip
 
     def decode_all(self, data: bytes, frame: str | None = None, *, sender: str | None = None) -> list[Frame]:
-        """Every frame that the bytes may be; none is no error."""
+        """Return every frame that the bytes may be; none is no error."""
         return self._fitting(data, frame, sender)[0]
 
     def decode_many(self, frames: Sequence[bytes], frame: str) -> Batch:

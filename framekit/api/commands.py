@@ -38,12 +38,15 @@ from framekit.transport.clock import AsyncioClock
 
 
 def application_of(protocol: Protocol, name: str | None, asked: str) -> Protocol:
-    """The application of commands: the one named, else the protocol's own, which was `asked` for. DefinitionError."""
+    """Return the application of commands: the one named, else the protocol's own, which was `asked` for.
+
+    DefinitionError.
+    """
     return commands_for(protocol, name, Path.cwd(), Position(asked, 0, 0))
 
 
 def has_jobs(application: Protocol) -> bool:
-    """Whether its commands are about jobs, which repeat by themselves."""
+    """Return whether its commands are about jobs, which repeat by themselves."""
     return any(parts_of(dict(application.services), JobWork))
 
 
@@ -84,7 +87,7 @@ class CommandMemory:
         self.grammar = blocks.server.shared.grammar
 
     def put(self, address: str, values: str) -> None:
-        """Puts values with commas between them at an address. Raises RequestError."""
+        """Put values with commas between them at an address. Raises RequestError."""
         try:
             place = self.grammar.parse(address)
             numbers = [parse_number(value) for value in values.split(",")]
@@ -93,7 +96,7 @@ class CommandMemory:
             raise RequestError(str(error)) from None
 
     def content(self) -> dict[str, bytes]:
-        """The memory as it is now."""
+        """Return the memory as it is now."""
         return self.memory.snapshot()
 
     def meaning(self, data: bytes) -> tuple[Meaning, Span]:
@@ -105,7 +108,7 @@ class CommandMemory:
             raise CommandFaultError(str(error)) from None
 
     def changes(self, before: Mapping[str, bytes], status: Span | None = None) -> dict[str, list[int]]:
-        """The elements that are others now: the address of the first of each run, with the values from there on.
+        """Return the elements that are others now: the address of the first of each run, with the values from there on.
 
         The status word is a run by itself.
         """
@@ -127,7 +130,7 @@ class CommandMemory:
         return found
 
     def addresses(self, span: Span) -> set[str]:
-        """The addresses of all elements of a place."""
+        """Return the addresses of all elements of a place."""
         return {self._address(span.memory, span.unit, place) for place in range(span.start, span.start + span.count)}
 
     def _address(self, area: str, unit: str, place: int) -> str:
@@ -140,7 +143,7 @@ class CommandMemory:
 
 
 def record_of(words: CommandWords, plain: Sequence[str], fields: dict[str, object]) -> bytes:
-    """The command block that is meant: all its words, those from the command on, or a command with named fields.
+    """Return the command block that is meant: all its words, those from the command on, or a command with named fields.
 
     Fields of the head may be given in addition. Raises ValueError.
     """
@@ -160,7 +163,7 @@ def record_of(words: CommandWords, plain: Sequence[str], fields: dict[str, objec
 
 
 def _named(words: CommandWords, name: str, fields: dict[str, object], head: dict[str, object]) -> bytes:
-    """A command by its name. Raises ValueError."""
+    """Return a command by its name. Raises ValueError."""
     if name not in words.requests:
         raise ValueError(no_such(f"'{words.application.name}' has no command", name, words.requests))
     try:
@@ -170,7 +173,7 @@ def _named(words: CommandWords, name: str, fields: dict[str, object], head: dict
 
 
 def _numbered(words: CommandWords, texts: Sequence[str], head: dict[str, object]) -> bytes:
-    """A whole block, or the words of one from the command on. Raises ValueError."""
+    """Return a whole block, or the words of one from the command on. Raises ValueError."""
     data = bytes_of([parse_number(text) for text in texts])
     try:
         block = words.read(data)

@@ -92,7 +92,7 @@ MOST_SHOWN = 24
 
 
 def _behind(one: Sequence[HeardBytes], two: Sequence[HeardBytes]) -> list[HeardBytes]:
-    """The second recording, as if it had been made after the first."""
+    """Return the second recording, as if it had been made after the first."""
     last = max((chunk.time for chunk in one if chunk.time is not None), default=0)
     first = min((chunk.time for chunk in two if chunk.time is not None), default=0)
     later = last - first + LONG_AFTER
@@ -143,7 +143,7 @@ def _asked_places(kind: FrameKind, texts: Sequence[bytes]) -> frozenset[int]:
 
 
 def _guessed_values(kind: FrameKind, text: bytes) -> Iterator[tuple[tuple[int, str], Any]]:
-    """The values of a frame, by place and name; data of varying size byte by byte."""
+    """Yield the values of a frame, by place and name; data of varying size byte by byte."""
     end = len(text) + min((field.offset for field in kind.fields if field.offset < 0), default=0)
     for field in kind.fields:
         if field.kind in ("counter", "check", "length", "count") or field.offset < 0:
@@ -185,7 +185,7 @@ def _of_one(name: str, one: Sequence[SeenFrame], two: Sequence[SeenFrame]) -> Di
 
 
 def _of_values(name: str, one: Sequence[SeenFrame], two: Sequence[SeenFrame]) -> Iterator[Difference]:
-    """The fields that differ, in frames of the size that most have."""
+    """Yield the fields that differ, in frames of the size that most have."""
     sizes = Counter(frame.size for frame in (*one, *two))
     both = {frame.size for frame in one} & {frame.size for frame in two}
     size = max(both or sizes, key=lambda size: (sizes[size], size))
@@ -201,7 +201,8 @@ def _of_values(name: str, one: Sequence[SeenFrame], two: Sequence[SeenFrame]) ->
 
 
 def _differ(one: Sequence[Any], two: Sequence[Any]) -> bool:
-    """Whether they have no value in common and do not lie among each other, or nearly all are greater than the others.
+    """Return whether they have no value in common and do not lie among each other, or nearly all are greater than the
+    others.
 
     Numbers that go up by the same each time differ always.
     """
@@ -230,7 +231,7 @@ def _number(value: Any) -> Any:
 
 
 def _only_rises(values: Sequence[Any]) -> bool:
-    """Whether they never go down: a sum, or a time, goes on from one recording to the next."""
+    """Return whether they never go down: a sum, or a time, goes on from one recording to the next."""
     return len({*values}) > 1 and all(one <= two for one, two in pairwise(values))
 
 
@@ -287,7 +288,7 @@ def _with_asked(protocol: Protocol, frames: Sequence[SeenFrame], telling: set[tu
 
 
 def _read(protocol: Protocol, chunks: Sequence[HeardBytes]) -> list[SeenFrame]:
-    """The frames in their order, with the values of their fields, as far as one frame has those by itself."""
+    """Return the frames in their order, with the values of their fields, as far as one frame has those by itself."""
     codec, plain, counting = compile_protocol(protocol), PlainValues(protocol), _counting(protocol)
     known: dict[tuple[str, str], int] = {}
     found = []
@@ -311,7 +312,7 @@ def _read(protocol: Protocol, chunks: Sequence[HeardBytes]) -> list[SeenFrame]:
 
 
 def _paths(shown: Any, fields: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Every single value as people write it, with its path; items, and bytes, by their numbers."""
+    """Yield every single value as people write it, with its path; items, and bytes, by their numbers."""
     if isinstance(fields, Mapping) and isinstance(shown, Mapping):
         for key, value in fields.items():
             yield from _paths(shown.get(key), value, f"{path}.{key}" if path else str(key))
@@ -325,7 +326,7 @@ def _paths(shown: Any, fields: Any, path: str = "") -> Iterator[tuple[str, Any]]
 
 
 def _counting(protocol: Protocol) -> frozenset[str]:
-    """The names of lengths and counts."""
+    """Return the names of lengths and counts."""
     segments = (one for frame in protocol.frames.values() for one in everything(frame.segments))
     return frozenset(name for one in segments if isinstance(one, (Length, Count)) for name in one.value_names)
 
@@ -339,7 +340,7 @@ def _offset(path: str, places: Mapping[str, int]) -> int:
 
 
 def _is_counter(values: Sequence[Any]) -> bool:
-    """Whether they are numbers that go up by the same each time."""
+    """Return whether they are numbers that go up by the same each time."""
     if len(values) <= LEAST_FRAMES or not all(type(value) is int for value in values):
         return False
     steps = {after - before for before, after in pairwise(values)}

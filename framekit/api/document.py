@@ -61,7 +61,7 @@ class Box:
 
 
 def byte_diagram(title: str, boxes: Iterable[Box]) -> str:
-    """The picture of a frame, at most 860 pixels wide; long frames have several rows."""
+    """Return the picture of a frame, at most 860 pixels wide; long frames have several rows."""
     places: list[tuple[float, int, Box]] = []
     across, row, widest = 0.0, 0, 0.0
     for box in boxes:
@@ -157,7 +157,7 @@ def document(protocol: Protocol, vectors: Path | None = None) -> list[Block]:
 
 
 def _examples(path: Path | None) -> Mapping[str, FrameVector]:
-    """The first good case of each frame."""
+    """Return the first good case of each frame."""
     found: dict[str, FrameVector] = {}
     vectors = None if path is None or not path.is_file() else read_vectors(path)[0]
     for case in () if vectors is None else vectors.frames:
@@ -230,7 +230,7 @@ class _Writer:
             yield Box(_name(segment), below, _number(sizes), exact, _shade(segment), optional)
 
     def _lines(self, segments: Segments, at: Sizes, depth: int) -> Iterator[FieldLine]:
-        """The lines of a list that begins at `at`."""
+        """Yield the lines of a list that begins at `at`."""
         for segment in segments:
             sizes = segment.sizes(self.sizes.frame)
             if segment.when is not None:
@@ -343,7 +343,7 @@ def _file_name(text: str) -> str:
 
 
 def markdown(blocks: Sequence[Block], pictures: str) -> tuple[str, dict[str, str]]:
-    """The text, and the pictures by the names of their files in the folder `pictures`."""
+    """Return the text, and the pictures by the names of their files in the folder `pictures`."""
     files: dict[str, str] = {}
     return "\n".join(_as_markdown(block, pictures, files) for block in blocks), files
 

@@ -109,7 +109,7 @@ def write_definition(found: Guess, path: Path, source: str) -> Draft:
 
 
 def _not_read(kind: FrameKind, codec: Codec) -> Iterator[str]:
-    """Whether there are frames of a kind that the definition does not read, and the first of them."""
+    """Yield whether there are frames of a kind that the definition does not read, and the first of them."""
     step = max(1, len(kind.frames) // MOST_READ)
     wrong = []
     for frame in kind.frames[::step]:
@@ -123,7 +123,7 @@ def _not_read(kind: FrameKind, codec: Codec) -> Iterator[str]:
 
 
 def _vectors_of(kind: FrameKind, codec: Codec, source: str) -> Iterator[str]:
-    """The first different frames of a kind, as far as their values can be written."""
+    """Yield the first different frames of a kind, as far as their values can be written."""
     count = 0
     for data in dict.fromkeys(one.data for one in kind.frames):
         try:
@@ -188,7 +188,9 @@ class NamedGuess:
         )
 
     def _shared(self, one: FieldNaming, new: FieldNaming) -> bool:
-        """Whether an earlier name, given to the other side, is that of these bytes: a reply repeats its request."""
+        """Return whether an earlier name, given to the other side, is that of these bytes: a reply repeats its
+        request.
+        """
         own = next((kind for kind in self.guess.kinds if kind.name == new.kind), None)
         return own is not None and any(
             (field.name, field.offset, field.size)

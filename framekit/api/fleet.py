@@ -43,7 +43,7 @@ STALE_AFTER = 100
 
 
 def topic(group: str, name: str, what: str) -> str:
-    """The topic of a gateway for one of these things."""
+    """Return the topic of a gateway for one of these things."""
     return f"{group}/{name}/{what}"
 
 
@@ -82,13 +82,15 @@ class Member:
     health: dict[str, Any] = field(default_factory=dict)
 
     def said(self, key: str) -> str:
-        """A text of its birth; '' if there is none."""
+        """Return a text of its birth; '' if there is none."""
         found = self.birth.get(key)
         return found if isinstance(found, str) else ""
 
     @property
     def is_silent(self) -> bool:
-        """Whether it counts as online without a sign of life for `STALE_AFTER` seconds, by the clocks of both."""
+        """Return whether it counts as online without a sign of life for `STALE_AFTER` seconds, by the clocks of
+        both.
+        """
         said = self.health.get("at")
         try:
             age = time.time() - datetime.fromisoformat(said if isinstance(said, str) else "").timestamp()
@@ -98,12 +100,12 @@ class Member:
 
     @property
     def takes_files(self) -> bool:
-        """Whether run files may be rolled out to it."""
+        """Return whether run files may be rolled out to it."""
         return bool(self.said("number"))
 
     @property
     def troubles(self) -> list[str]:
-        """The troubles of its health as phrases; the names in them come from the gateway."""
+        """Return the troubles of its health as phrases; the names in them come from the gateway."""
         found = []
         for key, words in TROUBLES:
             some = self.health.get(key)
@@ -191,7 +193,7 @@ class Fleet:
         return client
 
     def close(self) -> None:
-        """Hears no more."""
+        """Receive no more."""
         self._client.disconnect()
         self._client.loop_stop()
 

@@ -53,7 +53,7 @@ class HeardError(ValueError):
 
 
 def heard(path: Path) -> list[HeardBytes]:
-    """The bytes of a file, in their order. Raises HeardError.
+    """Return the bytes of a file, in their order. Raises HeardError.
 
     Captures of framekit (pcap and JSON lines), pcap files of TCP and UDP (needs dpkt), else hex text: a line for the
     bytes that came together, before them a time in seconds if it is known, and `>` or `<` for the way they went.
@@ -158,7 +158,7 @@ class HeardPoint(NamedTuple):
 
     @property
     def told(self) -> str:
-        """The values in words: the only one, or how many, from the least to the greatest."""
+        """Return the values in words: the only one, or how many, from the least to the greatest."""
         numbers = sorted(one for one in self.values if isinstance(one, (int, float)))
         if len(self.values) == 1 or len(numbers) < len(self.values):
             return str(self.values[-1])

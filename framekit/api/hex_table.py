@@ -128,13 +128,13 @@ class HexTable:
         self._spans = lru_cache(MOST_SPANNED)(lambda number: tuple(spans_of(self.rows[number])[:MOST_SPANS]))
 
     def spans(self, number: int) -> tuple[HexSpan, ...]:
-        """The fields of a row, in order, none of which overlap."""
+        """Return the fields of a row, in order, none of which overlap."""
         return self._spans(number)
 
     # ---- lines --------------------------------------------------------------------------------------------
 
     def count(self, kind: int | None, width: int) -> int:
-        """How many lines there are, of all rows or of one kind."""
+        """Return how many lines there are, of all rows or of one kind."""
         starts = self._starts(kind, width)
         return starts[-1]
 
@@ -153,14 +153,14 @@ class HexTable:
         return self.others if kind == NOISE else self.kinds[kind].rows
 
     def _starts_of(self, kind: int | None, width: int) -> list[int]:
-        """The first line of each row, and at the end the number of lines."""
+        """Return the first line of each row, and at the end the number of lines."""
         sizes = (max(1, -(-len(self.rows[number].data) // width)) for number in self._chosen(kind))
         return [0, *accumulate(sizes)]
 
     # ---- values -------------------------------------------------------------------------------------------
 
     def values(self, number: int, offset: int, size: int) -> PlaceValues:
-        """The values at this place of the frames that are of the kind of a row; not of too many."""
+        """Return the values at this place of the frames that are of the kind of a row; not of too many."""
         kind = self.rows[number].kind
         return self._values(kind, number if kind == NOISE else -1, offset, size)
 
@@ -191,7 +191,9 @@ class HexTable:
     def course(
         self, number: int, offset: int, size: int, type_: str, order: str, most: int
     ) -> list[tuple[float, float]]:
-        """The numbers that these bytes had, with their times (s), or with the numbers of their rows without times."""
+        """Return the numbers that these bytes had, with their times (s), or with the numbers of their rows without
+        times.
+        """
         own = self._alike(self.rows[number].kind, number)
         found = []
         for one in own[:: -(-len(own) // most)]:
@@ -221,7 +223,7 @@ def shown_as(type_: str, order: str, data: bytes) -> str:
 
 
 def shown_number(number: int | float | None) -> str:
-    """A number as a cell has it."""
+    """Return a number as a cell has it."""
     if number is None:
         return "-"
     return str(number) if isinstance(number, int) and abs(number) < LARGEST_SHOWN else f"{number:.6g}"
@@ -241,7 +243,7 @@ class FramePlace(NamedTuple):
 
 
 def guessed_table(found: Guess) -> HexTable:
-    """The rows of a guess, with the fields that it has now: a name given later needs a new table."""
+    """Return the rows of a guess, with the fields that it has now: a name given later needs a new table."""
     framing = found.framing
     if framing is None:
         return HexTable([], [], lambda row: [])
@@ -277,7 +279,7 @@ def guessed_spans(found: Guess) -> SpansOf:
 
 
 def _placed(fields: Sequence[GuessedField], size: int) -> Iterator[HexSpan]:
-    """The fields of a frame of this size."""
+    """Yield the fields of a frame of this size."""
     tail = sum(one.size for one in fields if one.offset < 0)
     for one in fields:
         begin = one.offset if one.offset >= 0 else size + one.offset
@@ -337,7 +339,7 @@ def _between(stream: PieceStream, begin: int, end: int, fault: str) -> Iterator[
 
 
 def definition_table(name: str | Path, chunks: Sequence[HeardBytes]) -> HexTable:
-    """The rows of a recording as a definition reads it; its fields are found when they are asked for.
+    """Return the rows of a recording as a definition reads it; its fields are found when they are asked for.
 
     Raises DefinitionError.
     """
@@ -360,7 +362,7 @@ def definition_table(name: str | Path, chunks: Sequence[HeardBytes]) -> HexTable
 
 
 def _inner_names(protocol: Protocol, name: str, fields: Mapping[str, Any]) -> tuple[str, ...]:
-    """The frame, and those that it has inside."""
+    """Return the frame, and those that it has inside."""
     for value in fields.values():
         if isinstance(value, Mapping) and len(value) == 1:
             ((inner, inside),) = value.items()
@@ -372,7 +374,7 @@ def _inner_names(protocol: Protocol, name: str, fields: Mapping[str, Any]) -> tu
 def _read_spans(
     protocol: Protocol, codec: Codec, kinds: Sequence[HexKind], shades: Mapping[str, str], row: HexRow
 ) -> list[HexSpan]:
-    """The fields of a frame of a definition: of those that lie in others the inner ones."""
+    """Return the fields of a frame of a definition: of those that lie in others the inner ones."""
     if row.kind == NOISE:
         return []
     rows = field_rows(codec, protocol, Seen(row.direction, "frame", 0, row.data, kinds[row.kind].frame))

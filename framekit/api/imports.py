@@ -37,7 +37,10 @@ FORMATS: dict[str, ImportFormat] = {
 
 
 def import_definition(path: Path, name: str) -> ImportedDefinition:
-    """The definition `name`, made of a file. Raises OSError, RequestError for an unknown ending, DefinitionError."""
+    """Return the definition `name`, made of a file.
+
+    Raises OSError, RequestError for an unknown ending, DefinitionError.
+    """
     chosen = FORMATS.get(path.suffix.lower())
     if chosen is None:
         known = ", ".join(f"{ending} ({one.what})" for ending, one in FORMATS.items())

@@ -45,7 +45,7 @@ class KnownProtocol:
 
 
 def known_protocols(chunks: Sequence[HeardBytes]) -> list[KnownProtocol]:
-    """The shipped definitions with checks that read nearly all of a line, the best first.
+    """Return the shipped definitions with checks that read nearly all of a line, the best first.
 
     Of two that read as much, the one that stands on fewer files: others are made from it.
     """
@@ -85,7 +85,7 @@ def _may_be(starts: Sequence[str], chunks: Sequence[HeardBytes]) -> bool:
 
 
 def _explained(protocol: Protocol, chunks: Sequence[HeardBytes], client: Literal["in", "out"]) -> KnownProtocol:
-    """How much of a line a definition reads."""
+    """Return how much of a line a definition reads."""
     good: list[bytes] = []
 
     def monitor(seen: Seen) -> None:
@@ -124,7 +124,7 @@ def starts_of(path: Path) -> list[str]:
 
 
 def index_text() -> str:
-    """The text of the index."""
+    """Return the text of the index."""
     paths = [path for path in shipped_definitions() if path.name.count(".") == 1]
     rows = {path.name: starts for path in paths if (starts := starts_of(path))}
     return json.dumps(rows, indent=1) + "\n"

@@ -137,7 +137,7 @@ class HeardAt:
 
     @property
     def bits(self) -> float:
-        """The evidence for this speed and format (bits); below 0 it speaks against."""
+        """Return the evidence for this speed and format (bits); below 0 it speaks against."""
         share, found = self.damaged_share, self._text_bits - self._parity_bits - self.same_bits
         if self.sees_damage:
             found += len(self.contexts) * ((1 - share) * CLEAN_BITS + share * DAMAGED_BITS)
@@ -179,7 +179,7 @@ class Verdict:
 
     @property
     def line(self) -> LineFormat | None:
-        """The speed and format to go on with; None where there is none."""
+        """Return the speed and format to go on with; None where there is none."""
         return self.ranking[0].line if self.certainty in ("sure", "likely", "unsure") else None
 
 
@@ -241,7 +241,7 @@ def is_for_pairs(one: HeardAt) -> bool:
 
 
 def shown_share(one: HeardAt) -> str:
-    """How many of the characters are damaged."""
+    """Return how many of the characters are damaged."""
     return f"{100 * one.damaged_share:.1f} %" if one.sees_damage else "unknown"
 
 
@@ -304,7 +304,7 @@ class LineTrial(PortEvents):
         return [one for one in judge(self.heard, self.doubles).ranking if one.characters and one.bits > -SURE]
 
     def _best_again(self) -> list[HeardAt]:
-        """Those between which it is not clear yet."""
+        """Return those between which it is not clear yet."""
         found = [one for one in self._ranked() if one.sees_damage][:AGAIN]
         if len(found) > 1 and found[0].bits - found[1].bits >= SURE and found[0].bits >= SURE:
             return []

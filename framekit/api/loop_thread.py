@@ -47,7 +47,7 @@ class LoopThread:
 
     @property
     def is_here(self) -> bool:
-        """Whether the caller is in the loop's thread: a callback, which must not wait for the loop."""
+        """Return whether the caller is in the loop's thread: a callback, which must not wait for the loop."""
         return threading.current_thread() is self._thread
 
     def _schedule(self, action: Callable[[], object]) -> None:
@@ -124,7 +124,7 @@ class LoopThread:
 
 
 def _copy(task: asyncio.Task[T], done: Future[T]) -> None:
-    """Hands the end of a task over to another thread."""
+    """Hand the end of a task over to another thread."""
     if task.cancelled():
         done.cancel()
         done.set_running_or_notify_cancel()
@@ -142,7 +142,7 @@ class Stopping:
         raise NotImplementedError
 
     def stop(self) -> None:
-        """Ends it."""
+        """End it."""
         raise NotImplementedError
 
     def __enter__(self) -> Self:

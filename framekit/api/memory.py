@@ -60,7 +60,7 @@ class Memory:
         self, address: str, values: Value | Sequence[Value], *, type: str | None = None, order: Order | None = None,
         count: int | None = None,
     ) -> None:  # fmt: skip
-        """Writes values from an address on, also into areas that are read-only for others. Raises RequestError.
+        """Write values from an address on, also into areas that are read-only for others. Raises RequestError.
 
         A string is filled up with 00 to `count` characters.
         """
@@ -106,7 +106,7 @@ class Memory:
         self.write(address, value)
 
     def _place(self, how: Typed, address: str) -> tuple[int, int, str]:
-        """The first bit, how many bits, and the unit in which they are carried. Raises RequestError."""
+        """Return the first bit, how many bits, and the unit in which they are carried. Raises RequestError."""
         if how.units < 1:
             raise RequestError("there is nothing to read or write: the count is 0")
         place = self._grammar.parse(address)

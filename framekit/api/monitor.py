@@ -39,7 +39,7 @@ KEPT = 10_000
 
 
 def result_of(protocol: Protocol, seen: Seen, role: str | None = None) -> str:
-    """The processing result: whose frame it is (protocol and side), or that it could not be processed.
+    """Return the processing result: whose frame it is (protocol and side), or that it could not be processed.
 
     `role` is the own one; without it (a monitor only listens) the side that sent it stands there.
     """
@@ -66,7 +66,7 @@ class FrameFilter:
     text: str = ""
 
     def takes(self, channel: int, seen: Seen) -> bool:
-        """Whether it is wanted."""
+        """Return whether it is wanted."""
         if self.channel is not None and channel != self.channel:
             return False
         if self.bad_only and seen.kind not in FAULTY:
@@ -137,21 +137,21 @@ class FrameLog:
         return found[::-1]
 
     def latest(self, wanted: FrameFilter, number: int, most: int) -> Iterator[FrameEntry]:
-        """The entries up to a number that a filter wants, newer first; it is asked of `most` of them."""
+        """Return the entries up to a number that a filter wants, newer first; it is asked of `most` of them."""
         up_to = (entry for entry in reversed(self._entries) if entry.number <= number)
         return (entry for entry in islice(up_to, most) if wanted.takes(entry.channel, entry.seen))
 
     def chosen(self, wanted: FrameFilter) -> Iterator[FrameEntry]:
-        """The entries a filter wants, older first."""
+        """Return the entries a filter wants, older first."""
         return (entry for entry in self._entries if wanted.takes(entry.channel, entry.seen))
 
     def entry(self, number: int) -> FrameEntry | None:
-        """An entry by its number, if it is still kept."""
+        """Return an entry by its number, if it is still kept."""
         first = self.last_number - len(self._entries) + 1
         return self._entries[number - first] if first <= number <= self.last_number else None
 
     def fields(self, entry: FrameEntry) -> list[FieldRow]:
-        """The fields of a frame with their places; of a bad one as far as it can be read."""
+        """Return the fields of a frame with their places; of a bad one as far as it can be read."""
         protocol, _, params = self._channels[entry.channel]
         if entry.seen.frame not in protocol.frames:
             return []
@@ -159,7 +159,7 @@ class FrameLog:
 
 
 def field_rows(codec: Codec, protocol: Protocol, seen: Seen, params: Mapping[str, Any] | None = None) -> list[FieldRow]:
-    """The fields of a frame that was seen, in the order of its bytes."""
+    """Return the fields of a frame that was seen, in the order of its bytes."""
     plain = PlainValues(protocol)
     try:
         _, spans, _ = codec.trace(seen.frame, seen.raw, Scope(protocol, params=params))
@@ -255,7 +255,7 @@ class LineMonitor:
         params: Mapping[str, Any] | None = None, capture: Path | None = None,
         on_state: Callable[[str], None] | None = None,
     ) -> LineMonitor:  # fmt: skip
-        """A monitor of a port, in the running loop, with all it hears in the file `capture`.
+        """Return a monitor of a port, in the running loop, with all it hears in the file `capture`.
 
         Raises RequestError; OSError for a capture that cannot be written.
         """
@@ -281,7 +281,7 @@ class LineMonitor:
             self._capture.troubles.listen(listener)
 
     def start(self) -> None:
-        """Opens the port."""
+        """Open the port."""
         self._driver.start()
 
     def stop(self) -> None:
@@ -331,7 +331,7 @@ class LiveView:
         return self.now() - self.began
 
     def seconds(self, at: int) -> float:
-        """A time of the clock in seconds since it began."""
+        """Return a time of the clock in seconds since it began."""
         return (at - self.began) / 1e9
 
 
@@ -363,7 +363,7 @@ class Replay(PortEvents):
 
     @property
     def pieces(self) -> int:
-        """How many there are."""
+        """Return how many there are."""
         return len(self._events)
 
     def start(self) -> None:
@@ -447,7 +447,7 @@ class LoopbackResult:
 
 
 def pattern_of(line: LineFormat) -> bytes:
-    """Every character the format has, then alternating ones and zeros."""
+    """Return every character the format has, then alternating ones and zeros."""
     most = 1 << line.data_bits
     return bytes(range(most)) + bytes((0x55 & most - 1, 0xAA & most - 1)) * 8
 
@@ -469,7 +469,7 @@ class Loopback:
         self._on_end = on_end
 
     def start(self) -> None:
-        """Begins with the first. Raises ValueError for a port of no known kind."""
+        """Begin with the first. Raises ValueError for a port of no known kind."""
         self._next()
 
     def _next(self) -> None:
@@ -584,7 +584,7 @@ def decoder(
 
 
 def recorded(path: Path, direction: Literal["in", "out"], channel: int | None) -> list[LineEvent]:
-    """The bytes of one channel and direction in a capture. Raises CaptureError (a ValueError), RequestError."""
+    """Return the bytes of one channel and direction in a capture. Raises CaptureError (a ValueError), RequestError."""
     with CaptureReader(path) as reader:
         found = [
             (number, event)

@@ -25,12 +25,15 @@ Schema = dict[str, Any]
 
 
 def kinds() -> list[str]:
-    """The kinds of files."""
+    """Return the kinds of files."""
     return sorted(set(FIRST_KEYS.values()))
 
 
 def schema(kind: str | None = None) -> Schema:
-    """The schema of a kind of file; without one, that of all of them. Raises RequestError for an unknown kind."""
+    """Return the schema of a kind of file; without one, that of all of them.
+
+    Raises RequestError for an unknown kind.
+    """
     if kind is not None and kind not in kinds():
         hint = did_you_mean(kind, kinds()) or f"known: {', '.join(kinds())}"
         raise RequestError(f"there is no kind of file '{kind}' – {hint}")
@@ -52,7 +55,7 @@ def schema(kind: str | None = None) -> Schema:
 
 
 def _protocols_of(stem: str, whole: Schema) -> list[Schema]:
-    """The places of a schema in which a known protocol may be named, so that an editor offers their names."""
+    """Return the places of a schema in which a known protocol may be named, so that an editor offers their names."""
     if stem == "run":
         return [whole["$defs"]["run.channel"]["properties"]["protocol"]]
     if stem == "device":
@@ -77,7 +80,7 @@ def _chosen(definitions: Schema) -> Schema:
 
 
 def _goes_before(other: str, key: str, definitions: Schema) -> bool:
-    """Whether a file with both keys is of the other's kind: the other's schema knows this key too."""
+    """Return whether a file with both keys is of the other's kind: the other's schema knows this key too."""
     mine, named = FIRST_KEYS[key], FIRST_KEYS[other]
     return named != mine and key in definitions[named]["properties"] and other not in definitions[mine]["properties"]
 

@@ -24,7 +24,7 @@ from framekit.transport.schemes import open_port
 
 
 def clock_of_loop() -> Clock:
-    """The time of the running loop."""
+    """Return the time of the running loop."""
     return AsyncioClock(asyncio.get_running_loop())
 
 
@@ -132,7 +132,7 @@ class _Wire:
         return self._event(LineEvent("control", now, self._way, lines=dict(lines)))
 
     def hear_marks(self) -> None:
-        """Marks come with the characters."""
+        """Mark come with the characters."""
 
     def other_sender(self, now: int) -> list[Command]:
         return []
@@ -183,7 +183,10 @@ class Recorder:
         cls, urls: Sequence[str], path: Path | None, show: Callable[[Heard], None], *, line: LineFormat,
         on_state: Callable[[int, str], None], through: bool = False,
     ) -> Recorder:  # fmt: skip
-        """A recorder of one or two ports, in the running loop. Raises RequestError; OSError if there can be no file."""
+        """Return a recorder of one or two ports, in the running loop.
+
+        Raises RequestError; OSError if there can be no file.
+        """
         clock = clock_of_loop()
         if len(set(urls)) < len(urls):
             raise RequestError(f"'{urls[0]}' is named twice – name the port that hears the other direction")
@@ -209,7 +212,7 @@ class Recorder:
             self._capture.troubles.listen(listener)
 
     def start(self) -> None:
-        """Opens the ports."""
+        """Open the ports."""
         for driver in self._drivers:
             driver.start()
 
@@ -293,7 +296,7 @@ class ByteRows:
         self._head = ""
 
     def add(self, heard: Heard) -> list[str]:
-        """The rows that are complete now."""
+        """Return the rows that are complete now."""
         event = heard.event
         if event.kind == "data":
             return self._add_bytes(heard)

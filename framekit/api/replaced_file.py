@@ -37,7 +37,7 @@ class ReplacedFile:
 
     @property
     def companions(self) -> tuple[Path, ...]:
-        """The file and its companions in the same folder."""
+        """Return the file and its companions in the same folder."""
         whole = (self.path, self.before, self._trial)
         return *whole, *map(_part_of, whole), self._lock
 

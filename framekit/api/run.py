@@ -53,7 +53,9 @@ MOST_WORDS = 12
 
 
 def stored_words(service: RunService) -> list[tuple[str, str]]:
-    """The places that blocks have put something into, and the words that stand there, as many as are easily read."""
+    """Return the places that blocks have put something into, and the words that stand there, as many as are easily
+    read.
+    """
     found = []
     for state in service.states.values():
         for place, bits in _stored_by(service, state.block) if state.done else ():
@@ -222,7 +224,7 @@ class RunCalls:
             raise
 
     def _tap(self, number: int, channel: ChannelService) -> None:
-        """Puts the capture around the port of a channel; one that came later has no place in it."""
+        """Put the capture around the port of a channel; one that came later has no place in it."""
         if self._capture is None:
             return
         if number in self._captured:
@@ -248,7 +250,7 @@ class RunCalls:
             self._clock.call_soon(lambda: told(status, ok))
 
     def _begin(self) -> None:
-        """Starts the run, unless it has been started. To be called where the run is at home. Raises RequestError."""
+        """Start the run, unless it has been started. To be called where the run is at home. Raises RequestError."""
         if self._over:
             raise RequestError("a run is started once – make a new one")
         if not self.running:
@@ -293,7 +295,7 @@ class RunCalls:
         return found
 
     def lines(self) -> dict[int, LineOf]:
-        """The channels, as a display shows them."""
+        """Return the channels, as a display shows them."""
         return {number: _line_of(channel) for number, channel in self._service.channels.items()}
 
     def channel(self, number: int) -> Channel:
@@ -320,7 +322,7 @@ class RunCalls:
         self._do(lambda: self._service.edit(run, applied))
 
     def each(self, period: int, call: Callable[[], None]) -> None:
-        """Calls back every so many ns of the run's time, while it goes on."""
+        """Call back every so many ns of the run's time, while it goes on."""
 
         def go_on() -> None:
             if self.running:
@@ -335,25 +337,27 @@ class RunCalls:
 
     @property
     def now(self) -> int:
-        """The time of the run's clock, in nanoseconds."""
+        """Return the time of the run's clock, in nanoseconds."""
         return self._clock.now()
 
     # ---- blocks -------------------------------------------------------------------------------------------
 
     @property
     def running(self) -> bool:
-        """Whether it has been started, and not stopped."""
+        """Return whether it has been started, and not stopped."""
         return self._service.running
 
     @property
     def problems(self) -> list[str]:
-        """The parts that fail now or have lost data, each with the reason, such as a state that cannot be written."""
+        """Return the parts that fail now or have lost data, each with the reason, such as a state that cannot be
+        written.
+        """
         found: list[str] = self._do(lambda: self._service.problems)
         return found
 
     @property
     def troubles(self) -> tuple[Trouble, ...]:
-        """The same for programs: sinks, stores, the state file and captures that fail now or have lost data."""
+        """Return the same for programs: sinks, stores, the state file and captures that fail now or have lost data."""
         return self._service.troubles.present()
 
     def watch_troubles(self, listener: Callable[[TroubleReport], None]) -> None:
@@ -381,7 +385,7 @@ class RunCalls:
         return next(status for status in self.blocks if status.id == number)
 
     def fire(self, number: int) -> None:
-        """Makes a block due by hand, as a trigger would. Raises RequestError."""
+        """Make a block due by hand, as a trigger would. Raises RequestError."""
         self._ask(lambda: self._service.fire(number))
 
     def enable(self, number: int, on: bool = True) -> None:
@@ -423,7 +427,10 @@ class RunCalls:
         return end
 
     async def _end_of(self, number: int | None, fire: bool, timeout: float | None) -> BlockStatus:
-        """The status at the next completion, of a block that is made due first or by itself. Raises NoReplyError."""
+        """Return the status at the next completion, of a block that is made due first or by itself.
+
+        Raises NoReplyError.
+        """
         ended: asyncio.Future[BlockStatus] = asyncio.get_running_loop().create_future()
         end = self._listen(number, lambda status: None if ended.done() else ended.set_result(status))
         try:
@@ -438,7 +445,7 @@ class RunCalls:
             end()
 
     def _able(self, number: int) -> None:
-        """Raises RequestError where a block that is fired cannot come due."""
+        """Raise RequestError where a block that is fired cannot come due."""
         if not self.running:
             raise RequestError("the run has not been started, or was stopped")
         if not self.block(number).enabled:
@@ -460,11 +467,11 @@ class RunCalls:
 
     @property
     def points(self) -> RunPoints:
-        """The named values of the run."""
+        """Return the named values of the run."""
         return RunPoints(self._service.points, self._do)
 
     def device(self, name: str) -> Memory:
-        """The memory of a simulated device of the run, by its name. Raises RequestError."""
+        """Return the memory of a simulated device of the run, by its name. Raises RequestError."""
         for service in self._service.devices:
             if service.device.name == name:
                 store, grammar = service.store, service.device.grammar
@@ -504,14 +511,14 @@ def view_of(run: RunCalls, log: FrameLog) -> LiveView:
 
 
 async def leave(service: RunService) -> None:
-    """Ends a run in good order: open sessions are closed, for 5 s at most, then the ports."""
+    """End a run in good order: open sessions are closed, for 5 s at most, then the ports."""
     left = asyncio.Event()
     service.finish(left.set)
     await left.wait()
 
 
 def loaded(run: str | Path | RunModel) -> RunModel:
-    """The run in a file. Raises DefinitionError."""
+    """Return the run in a file. Raises DefinitionError."""
     return run if isinstance(run, RunModel) else load_run(Path(run))
 
 
@@ -521,7 +528,7 @@ def reads_only(run: RunModel) -> RunModel:
 
 
 def nanoseconds(time: str | float) -> int:
-    """A time such as `10 s`, or a number of seconds. Raises RequestError."""
+    """Return a time such as `10 s`, or a number of seconds. Raises RequestError."""
     try:
         found = parse_time(time) if isinstance(time, str) else round(time * 1e9)
     except (ValueError, OverflowError) as error:
@@ -563,7 +570,7 @@ class Run(RunCalls, Stopping):
         self._end()
 
     def next_end(self, number: int | None = None, *, timeout: float | None = None) -> BlockStatus:
-        """The status at the next completion of a block, or of any; `timeout` in seconds. Raises NoReplyError."""
+        """Return the status at the next completion of a block, or of any; `timeout` in seconds. Raises NoReplyError."""
         if number is not None:
             self._known(number)
         return self._wait(number, False, timeout)
@@ -682,7 +689,7 @@ class AsyncRun(RunCalls):
         await asyncio.sleep(0)
 
     async def next_end(self, number: int | None = None, *, timeout: float | None = None) -> BlockStatus:
-        """The status at the next completion of a block, or of any; `timeout` in seconds. Raises NoReplyError."""
+        """Return the status at the next completion of a block, or of any; `timeout` in seconds. Raises NoReplyError."""
         if number is not None:
             self._known(number)
         return await self._end_of(number, False, timeout)

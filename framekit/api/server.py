@@ -144,11 +144,11 @@ class AsyncServer:
 
     @property
     def memory(self) -> Memory:
-        """The memory of the device, of the first where there are several."""
+        """Return the memory of the device, of the first where there are several."""
         return self._memory(0, self.do)
 
     def memory_of(self, station: Any) -> Memory:
-        """The memory of the device with that station. Raises RequestError."""
+        """Return the memory of the device with that station. Raises RequestError."""
         for number, device in enumerate(self.devices):
             if device.own == checked_station(device.protocol, station):
                 return self._memory(number, self.do)
@@ -185,12 +185,12 @@ class AsyncServer:
 
     @property
     def done(self) -> int:
-        """How many requests have been carried out."""
+        """Return how many requests have been carried out."""
         return sum(store.counters.done for store in self._opened().stores)
 
     @property
     def refused(self) -> dict[int, int]:
-        """How many requests were refused, by the code they were refused with."""
+        """Return how many requests were refused, by the code they were refused with."""
         found: Counter[int] = Counter()
         for store in self._opened().stores:
             found.update(store.counters.refused)
@@ -198,7 +198,7 @@ class AsyncServer:
 
     @property
     def connections(self) -> int:
-        """How many have been made."""
+        """Return how many have been made."""
         return self._opened().connections
 
     @property
@@ -288,7 +288,7 @@ def _clients(allow: Sequence[str], devices: Sequence[Device], port: str) -> tupl
 
 
 def _text(value: Any) -> str:
-    """A value as it would stand in a device file."""
+    """Return a value as it would stand in a device file."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     return value.hex(" ") if isinstance(value, bytes) else str(value)
@@ -324,21 +324,21 @@ class Server(Closing):
 
     @property
     def memory(self) -> Memory:
-        """The memory of the device, of the first where there are several."""
+        """Return the memory of the device, of the first where there are several."""
         return self._server.memory
 
     def memory_of(self, station: Any) -> Memory:
-        """The memory of the device with that station. Raises RequestError."""
+        """Return the memory of the device with that station. Raises RequestError."""
         return self._server.memory_of(station)
 
     @property
     def done(self) -> int:
-        """How many requests have been carried out."""
+        """Return how many requests have been carried out."""
         return self._server.done
 
     @property
     def refused(self) -> dict[int, int]:
-        """How many requests were refused, by the code they were refused with."""
+        """Return how many requests were refused, by the code they were refused with."""
         return self._thread.do(lambda: self._server.refused)
 
 

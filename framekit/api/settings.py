@@ -38,7 +38,7 @@ ProtocolGiven = str | Path | Protocol | LoadedProtocol
 
 
 def protocol_of(given: ProtocolGiven) -> Protocol:
-    """The definition. Raises DefinitionError."""
+    """Return the definition. Raises DefinitionError."""
     if isinstance(given, Protocol):
         return given
     return load_protocol(given, Path.cwd()) if isinstance(given, (str, Path)) else given.definition
@@ -62,7 +62,7 @@ class ClientSettings:
     names_station: bool
 
     def channel(self) -> Channel:
-        """The same as a channel of a run has it."""
+        """Return the same as a channel of a run has it."""
         at = Position(self.port, 0, 0)
         return Channel(
             number=1, port=self.port, protocol=self.protocol, role=self.role, line=self.line, own=self.own,
@@ -77,7 +77,7 @@ class ClientSettings:
             )
 
     def station_for(self, given: Any, *, needed: bool = True) -> Any:
-        """The station of a call. Raises RequestError for one that does not fit, or where one has to be named."""
+        """Return the station of a call. Raises RequestError for one that does not fit, or where one has to be named."""
         if needed:
             self.check_own()
         if given is not None:
@@ -121,7 +121,7 @@ def line_settings(
 
 
 def checked_station(protocol: Protocol, given: Any) -> Any:
-    """A station as the protocol wants it; numbers and hex pairs may be text. Raises RequestError."""
+    """Return a station as the protocol wants it; numbers and hex pairs may be text. Raises RequestError."""
     text = given.hex(" ") if isinstance(given, bytes) and protocol.station.type == "bytes" else str(given)
     try:
         return parse_station(text, protocol)
@@ -169,7 +169,7 @@ def names_of(protocol: Protocol, given: Mapping[str, Any]) -> Names:
 
 
 def _set_variable(scope: Scope, protocol: Protocol, name: str, value: Any) -> None:
-    """Sets a state variable from its text."""
+    """Set a state variable from its text."""
     if name not in protocol.state:
         known = [*protocol.params, *protocol.state]
         raise RequestError(no_such(f"'{protocol.name}' has no parameter or variable", name, known))

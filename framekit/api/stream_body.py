@@ -34,7 +34,7 @@ BY_HAND = "write its frames by hand"
 
 
 def quoted(text: str) -> str:
-    """A text as expressions have it."""
+    """Return a text as expressions have it."""
     return "'" + text.replace("\\", "\\\\").replace("'", "\\'") + "'"
 
 
@@ -230,7 +230,7 @@ class _BodyMaker:
         start: int | str = 0,
         **keys: Any,
     ) -> str:
-        """A text that a number is worked out from. `value` and `build` write that, each of the other's name."""
+        """Return a text that a number is worked out from. `value` and `build` write that, each of the other's name."""
         word, name = self._unused("word"), self._value(one, "number", start)
         self.body.segments.append({"field": word, "type": "ascii", **keys, "build": build(name)})
         self.body.segments.append({"value": name, "read": value(word)})
@@ -306,7 +306,7 @@ class _BodyMaker:
             raise CannotSayError(one.at, f"{one}: no segment is like it", BY_HAND)
 
     def _sized(self, one: Converter) -> Segment:
-        """The keys of a number in decimal digits with a width, and those of its sign."""
+        """Return the keys of a number in decimal digits with a width, and those of its sign."""
         keys: Segment = {}
         if one.kind != "u" and "+" in one.flags:
             keys["sign"] = "always"
@@ -606,7 +606,7 @@ def _size(one: Converter) -> int:
 
 
 def _members(one: Converter) -> frozenset[int]:
-    """The bytes of a set such as `^,;` or `A-Z_`; a minus sign between two is a range."""
+    """Return the bytes of a set such as `^,;` or `A-Z_`; a minus sign between two is a range."""
     text = one.about.removeprefix("^")
     members: set[int] = set()
     last, place = 0, 0
@@ -627,7 +627,7 @@ def _members(one: Converter) -> frozenset[int]:
 
 
 def _choices(one: Converter) -> tuple[list[int], list[str]]:
-    """The numbers and words of an enumeration."""
+    """Return the numbers and words of an enumeration."""
     numbers: list[int] = []
     words: list[str] = []
     if len(one.about) > MOST_WORDS:
@@ -663,7 +663,7 @@ def _codes() -> dict[str, tuple[int, Segment]]:
 
 
 def check_method(one: Converter) -> tuple[str, int, Segment]:
-    """The name of a check code, its bytes, and its entry in `checks:` if it needs one. Raises CannotSayError.
+    """Return the name of a check code, its bytes, and its entry in `checks:` if it needs one. Raises CannotSayError.
 
     StreamDevice takes the first code whose name begins with the given one, and `-`, `neg` or `n`, `~` or `not` before.
     """

@@ -121,7 +121,7 @@ _IN_NAMES = ("+", "-", "*", "/")
 
 
 def named(text: str) -> str:
-    """A name in a message: long ones are cut, so that messages stay short however often they name it."""
+    """Return a name in a message: long ones are cut, so that messages stay short however often they name it."""
     return repr(text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…")
 
 
@@ -179,7 +179,7 @@ class StreamFile:
 
 
 def read_stream_file(text: str, file: str) -> StreamFile:
-    """The protocols of a file. Raises DefinitionError, with every error, for a text that is no such file."""
+    """Return the protocols of a file. Raises DefinitionError, with every error, for a text that is no such file."""
     reader = _StreamReader(text.removeprefix(BYTE_ORDER_MARK), file)
     try:
         reader.read()
@@ -436,7 +436,7 @@ class _StreamReader:
         return variables[name.lower()]
 
     def _expanded(self, tokens: Sequence[_Token], variables: Mapping[str, _Variable]) -> Iterator[_Token]:
-        """The tokens with those of variables in their place; those within strings are put into the string."""
+        """Yield the tokens with those of variables in their place; those within strings are put into the string."""
         for token in tokens:
             self._count(token.at, signs=1)
             if token.kind == "variable" and not token.text[1].isdigit():
@@ -449,7 +449,7 @@ class _StreamReader:
                 yield token
 
     def _with_variables(self, token: _Token, variables: Mapping[str, _Variable]) -> _Token:
-        """A string with the texts of its variables, quotes included; arguments stay."""
+        """Return a string with the texts of its variables, quotes included; arguments stay."""
         quote, inside = token.text[0], token.text[1:-1]
         parts, place = [quote], 0
         for match in _ESCAPE.finditer(inside):
@@ -547,7 +547,7 @@ class _StreamReader:
         return bytes(found)
 
     def _number(self, tokens: Sequence[_Token], at: Position, variables: Mapping[str, _Variable]) -> int:
-        """A number as C writes it: 0x10, 010, 16."""
+        """Return a number as C writes it: 0x10, 010, 16."""
         text = "".join(one.text for one in self._expanded(tokens, variables))
         match = re.fullmatch(r"(0[xX][0-9a-fA-F]{1,8})|(0[0-7]{0,10})|([1-9][0-9]{0,8})", text)
         if match is None:
@@ -557,7 +557,7 @@ class _StreamReader:
     # ---- texts --------------------------------------------------------------------------------------------
 
     def _codes(self, tokens: Sequence[_Token], variables: Mapping[str, _Variable]) -> tuple[list[str], list[Position]]:
-        """A text as a character for each byte, and the places of them.
+        """Return a text as a character for each byte, and the places of them.
 
         A character that an escape or a number gives stands from ESCAPED on, an argument from _ARGUMENT on.
         """

@@ -182,7 +182,7 @@ class _StreamWriter:
         return body
 
     def _frame(self, name: str, body: StreamBody, word: str) -> _MadeFrame:
-        """The frame of this body: the same bytes are one frame."""
+        """Return the frame of this body: the same bytes are one frame."""
         key = f"{word} {flow(body.segments)}"
         if key not in self.frames:
             side = "client" if word == "out" else "server"
@@ -365,7 +365,7 @@ _LONGEST = 64
 
 
 def quoted_name(name: str) -> str:
-    """A name as an expression that is that text."""
+    """Return a name as an expression that is that text."""
     return f"'{name}'"
 
 

@@ -25,7 +25,9 @@ Schema = dict[str, Any]
 
 
 def json_schema(protocol: Protocol) -> Schema:
-    """The schema of everything that decodes: one of the frames of the line; each frame has a definition of its own."""
+    """Return the schema of everything that decodes: one of the frames of the line; each frame has a definition of its
+    own.
+    """
     definitions = {frame.name: _object(frame.segments) for frame in protocol.frames.values()}
     frames = [frame for frame in protocol.frames.values() if not frame.inner] or list(protocol.frames.values())
     return {
@@ -72,7 +74,7 @@ def _alternatives(known: Schema) -> list[Schema]:
 
 
 def _segments(segments: Segments, always: bool) -> Iterator[tuple[Segment, bool]]:
-    """The segments of one record, with whether each is always there."""
+    """Yield the segments of one record, with whether each is always there."""
     for segment in segments:
         here = always and segment.when is None
         yield segment, here
@@ -125,7 +127,7 @@ def _typed(type_: FieldType) -> Schema:
 
 
 def _whole(limits: tuple[int, int] | None) -> Schema:
-    """A whole number, with its limits where programs in JavaScript can hold them."""
+    """Return a whole number, with its limits where programs in JavaScript can hold them."""
     found: Schema = {"type": "integer"}
     if limits is not None and limits[0] > -_SAFE:
         found["minimum"] = limits[0]
@@ -151,7 +153,7 @@ def typescript(protocol: Protocol) -> str:
 
 
 def _interfaces(frames: Iterable[str]) -> dict[str, str]:
-    """The name of an interface for each frame: letters and digits, each once."""
+    """Return the name of an interface for each frame: letters and digits, each once."""
     found: dict[str, str] = {}
     for frame in frames:
         words = "".join(word[:1].upper() + word[1:] for word in re.findall(r"[A-Za-z0-9]+", frame))

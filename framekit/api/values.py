@@ -38,7 +38,7 @@ class Reading(Sequence[T], Generic[T]):
 
     @property
     def value(self) -> T:
-        """The first value: the only one where one was asked for."""
+        """Return the first value: the only one where one was asked for."""
         return self.values[0]
 
     @overload
@@ -191,7 +191,7 @@ def _value_at(place: Address, text: str) -> Value:
 
 
 def _value_of(text: str, type_: str | None) -> Value:
-    """A value from its text. Raises RequestError."""
+    """Return a value from its text. Raises RequestError."""
     if type_ in ("string", COUNTED_STRING):
         return text
     try:

@@ -74,7 +74,7 @@ def _of_another(vectors: Vectors, protocol: str | Path, folder: Path | None) -> 
 
 
 def _addresses(asked: Any) -> list[str]:
-    """The addresses of a read or write: one, a list, or those to which values belong."""
+    """Return the addresses of a read or write: one, a list, or those to which values belong."""
     return [str(text) for text in ([asked] if isinstance(asked, str) else asked or ())]
 
 
@@ -116,7 +116,7 @@ def run_vectors(
 
 
 def make_side(case: Conversation, protocol: Protocol, codec: ProtocolCodec) -> SideUnderTest:
-    """A client with its services, or a device with a memory as the case describes it."""
+    """Return a client with its services, or a device with a memory as the case describes it."""
     areas, grammar = memory_of(protocol)
     memory = DeviceMemory(areas)
     for text, value in case.memory.items():

@@ -125,7 +125,7 @@ def _meaning_as_json(meaning: Meaning) -> dict[str, Any]:
 
 
 def command_line(meaning: Meaning) -> str:
-    """The command with its fields."""
+    """Return the command with its fields."""
     shown = [
         f"{name} {value}" + (f" ({meaning.names[name]})" if name in meaning.names else "")
         for name, value in meaning.fields.items()
@@ -145,7 +145,10 @@ def _lines(meaning: Meaning) -> list[str]:
 
 
 def commands_in(words: list[str]) -> list[list[str]]:
-    """The words of each command, with those of files in place of @FILE; + stands between two. Raises VerbError."""
+    """Return the words of each command, with those of files in place of @FILE; + stands between two.
+
+    Raises VerbError.
+    """
     found: list[list[str]] = [[]]
     for given in words:
         for word in _words_of(given[1:]) if given.startswith("@") else [given]:
@@ -157,7 +160,7 @@ def commands_in(words: list[str]) -> list[list[str]]:
 
 
 def _words_of(file: str) -> list[str]:
-    """The words in a file, in which # begins a remark. Raises VerbError."""
+    """Return the words in a file, in which # begins a remark. Raises VerbError."""
     try:
         lines = Path(file).read_text(encoding="utf-8").splitlines()
     except FileNotFoundError:
@@ -170,7 +173,7 @@ def _words_of(file: str) -> list[str]:
 
 
 def _record(blocks: CommandBlocks, given: list[str]) -> bytes:
-    """The command block that is meant. Raises ValueError."""
+    """Return the command block that is meant. Raises ValueError."""
     from framekit.api.commands import record_of
 
     plain = [text for text in given if "=" not in text]
@@ -298,7 +301,7 @@ class JobCommands:
         self.told: set[str] = set()
 
     async def carry_out(self, records: list[bytes]) -> int:
-        """The commands one after the other, then their jobs until they are over, or are stopped."""
+        """Return the commands one after the other, then their jobs until they are over, or are stopped."""
         from framekit.api.commands import blocks_on, line_of_jobs
         from framekit.api.errors import RequestError
         from framekit.cli.common import Unread

@@ -83,7 +83,7 @@ _STEP = re.compile(r"(?P<name>[^\[\]]+)(\[(?P<index>[0-9]{1,9})\])?")
 
 
 def fields_given(texts: Iterable[str]) -> dict[str, Any]:
-    """The values of `NAME=VALUE`, `RECORD.NAME=VALUE` and `LIST[0].NAME=VALUE`, as the codec has them.
+    """Return the values of `NAME=VALUE`, `RECORD.NAME=VALUE` and `LIST[0].NAME=VALUE`, as the codec has them.
 
     Raises WordsError.
     """
@@ -157,7 +157,9 @@ def run_frames(arguments: argparse.Namespace) -> int:
 
 
 def _protocols(as_json: bool) -> int:
-    """The definitions that can be named, by family, a line each; one that extends another is of the same family."""
+    """Return the definitions that can be named, by family, a line each; one that extends another is of the same
+    family.
+    """
     from framekit.definition.nodes import head_of
     from framekit.definition.sources import known_definitions
 
@@ -177,7 +179,7 @@ def _protocols(as_json: bool) -> int:
 
 
 def _family(name: str, heads: Mapping[str, Mapping[str, str]]) -> str:
-    """The family that a shipped definition names, or the first of those it extends that does."""
+    """Return the family that a shipped definition names, or the first of those it extends that does."""
     while name in heads:
         if family := heads[name].get("family"):
             return family
@@ -280,7 +282,7 @@ LONGEST_FRAME = 65_536
 
 
 def _bytes_of_a_frame(text: str) -> int:
-    """A number of bytes. Raises ArgumentTypeError."""
+    """Return a number of bytes. Raises ArgumentTypeError."""
     if not text.isdecimal() or not 1 <= int(text) <= LONGEST_FRAME:
         raise argparse.ArgumentTypeError(f"'{text}' is no size – write a number from 1 to {LONGEST_FRAME}")
     return int(text)

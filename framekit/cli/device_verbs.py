@@ -98,7 +98,9 @@ def carry_out(
 
 
 def settings_of(arguments: argparse.Namespace, protocol: Protocol | None = None) -> ClientSettings:
-    """The line that is named; `protocol`: if it is loaded already. Raises DefinitionError, RequestError, WordsError."""
+    """Return the line that is named; `protocol`: if it is loaded already. Raises DefinitionError, RequestError,
+    WordsError.
+    """
     from framekit.api.settings import line_settings
 
     params = assignments(arguments.param)
@@ -214,7 +216,7 @@ def once(client: Client, arguments: argparse.Namespace) -> int:
 
 
 def read(client: Client, arguments: argparse.Namespace) -> list[Reading[Any]]:
-    """The readings of all addresses; in one request where each is one value."""
+    """Return the readings of all addresses; in one request where each is one value."""
     addresses, type_, order = arguments.addresses, arguments.type, arguments.order
     if len(addresses) > 1 and arguments.count == 1 and type_ != "string":
         return [client.read_many(addresses, type=type_, order=order)]

@@ -128,7 +128,7 @@ def access_of(arguments: argparse.Namespace) -> BrokerAccess:
 
 
 def kept_secret(option: str, text: str, what: str) -> Secret:
-    """The secret that stands where an option says, and can be read. Raises WordsError."""
+    """Return the secret that stands where an option says, and can be read. Raises WordsError."""
     from framekit.sinks.secrets import secret_named
 
     try:
@@ -155,7 +155,7 @@ def row_of(member: Member) -> tuple[str, ...]:
 
 
 def data_of(member: Member) -> dict[str, Any]:
-    """The same for programs."""
+    """Return the same for programs."""
     birth = {name: value for name, value in member.birth.items() if name != "number"}
     return {
         **birth, "gateway": member.name, "online": member.online and not member.is_silent,
@@ -164,7 +164,7 @@ def data_of(member: Member) -> dict[str, Any]:
 
 
 def wanted(fleet: Fleet, arguments: argparse.Namespace) -> list[Member]:
-    """The gateways that are asked for, by name."""
+    """Return the gateways that are asked for, by name."""
     return [
         one
         for name, one in sorted(fleet.members.copy().items())
@@ -173,7 +173,7 @@ def wanted(fleet: Fleet, arguments: argparse.Namespace) -> list[Member]:
 
 
 def show(fleet: Fleet, arguments: argparse.Namespace) -> None:
-    """Prints all that are asked for."""
+    """Print all that are asked for."""
     members = wanted(fleet, arguments)
     if arguments.json:
         for one in members:

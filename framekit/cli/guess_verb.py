@@ -161,7 +161,7 @@ def _show(
 
 
 def heard_in(files: list[Path]) -> list[HeardBytes]:
-    """The bytes of all files. Raises VerbError where there are none."""
+    """Return the bytes of all files. Raises VerbError where there are none."""
     from framekit.api.guess import HeardError, heard
 
     try:
@@ -208,7 +208,7 @@ def text_of(found: Guess) -> str:
 
 
 def data_of(found: Guess) -> dict[str, Any]:
-    """The same for programs."""
+    """Return the same for programs."""
     return {
         "frames": len(found.frames),
         "noise": found.noise,

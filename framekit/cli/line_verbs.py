@@ -155,7 +155,7 @@ async def _listen(protocol: Protocol, arguments: argparse.Namespace, printer: _P
 def monitor_of(
     protocol: Protocol, arguments: argparse.Namespace, show: Callable[[Seen], None], on_state: Callable[[str], None]
 ) -> LineMonitor:
-    """The monitor that a command line asks for. Raises WordsError, OSError."""
+    """Return the monitor that a command line asks for. Raises WordsError, OSError."""
     from framekit.api.monitor import LineMonitor
 
     line, params = line_of(protocol, arguments), assignments(arguments.param)

@@ -108,7 +108,7 @@ def _shown(value: object) -> str:
 
 
 def _moment(option: str, text: str, now: int) -> int:
-    """A time of day (UTC unless it says a zone), or so long before now; in ns since 1970. Raises WordsError."""
+    """Return a time of day (UTC unless it says a zone), or so long before now; in ns since 1970. Raises WordsError."""
     try:
         moment = datetime.fromisoformat(text)
     except ValueError:

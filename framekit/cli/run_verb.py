@@ -146,7 +146,10 @@ def run_run(arguments: argparse.Namespace) -> int:
 
 
 def made(make: Callable[..., R], run: RunModel, monitor: OnSeen | Tape | None, watch: RunWatch) -> R:
-    """The run, not yet begun. Raises DefinitionError for a wrong device, VerbError for a port of no known kind."""
+    """Return the run, not yet begun.
+
+    Raises DefinitionError for a wrong device, VerbError for a port of no known kind.
+    """
     from framekit.api.errors import RequestError
     from framekit.definition.problems import DefinitionError
 
@@ -221,7 +224,7 @@ class RealRun:
         return ended
 
     def _in_fleet(self, loaded: RunModel) -> AbstractContextManager[object]:
-        """The place of the run in its fleet, if it has one. Raises VerbError."""
+        """Return the place of the run in its fleet, if it has one. Raises VerbError."""
         if loaded.fleet is None:
             return nullcontext()
         from framekit.api.errors import RequestError
@@ -234,7 +237,7 @@ class RealRun:
         return self._gateway
 
     def _begun(self, loaded: RunModel, page: WebPage) -> AsyncRun:
-        """The run, not started. One that a rolled file says, and that cannot be, is the one of before."""
+        """Return the run, not started. One that a rolled file says, and that cannot be, is the one of before."""
         from framekit.api.run import AsyncRun
 
         gateway = self._gateway
@@ -280,7 +283,7 @@ class RealRun:
         return Ended([], []) if unread.error is not None else _summary(run, output)
 
     def _read_control(self) -> None:
-        """Begins to read control lines; the end of the input ends the control, not the run."""
+        """Begin to read control lines; the end of the input ends the control, not the run."""
         loop = asyncio.get_running_loop()
 
         def take(line: str) -> None:
@@ -348,7 +351,7 @@ class RunWatch:
     """Watches one run as the command line asks: `begin` before it starts."""
 
     def __init__(self, arguments: argparse.Namespace) -> None:
-        """Raises WordsError."""
+        """Raise WordsError."""
         self.capture: Path | None = arguments.capture
         self._json: bool = arguments.json
         self.quiet: bool = arguments.quiet
@@ -358,7 +361,7 @@ class RunWatch:
         begin_log(arguments.log)
 
     def begin(self, run: RunCalls, catch_up: Callable[[], None]) -> None:
-        """Asks for the times of the status; `catch_up` prints the events before."""
+        """Ask for the times of the status; `catch_up` prints the events before."""
         self._run, self._catch_up = run, catch_up
         if self._every:
             run.each(self._every, self.show)
@@ -371,7 +374,7 @@ class RunWatch:
             self.show()
 
     def show(self) -> None:
-        """Prints the status as it is now."""
+        """Print the status as it is now."""
         from framekit.cli.run_output import status_data, status_text
 
         if self._run is None:

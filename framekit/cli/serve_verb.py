@@ -171,7 +171,7 @@ async def _serve(
 
 
 async def _open(server: AsyncServer) -> None:
-    """Raises VerbError."""
+    """Raise VerbError."""
     with in_words():
         try:
             await server.open()
@@ -182,7 +182,7 @@ async def _open(server: AsyncServer) -> None:
 
 
 def _show_status(output: ServeOutput, every: int, ended: asyncio.Event) -> None:
-    """Shows the status every `every` ns (0: never), and when SIGUSR1 asks for it."""
+    """Show the status every `every` ns (0: never), and when SIGUSR1 asks for it."""
     loop = asyncio.get_running_loop()
 
     def go_on() -> None:
@@ -218,7 +218,7 @@ class ServeOutput:
         self._trouble: OSError | None = None
 
     def line(self, text: str) -> None:
-        """Prints a line at once. When that can't be done, serving ends."""
+        """Print a line at once. When that can't be done, serving ends."""
         if self._trouble is None:
             try:
                 print(text, flush=True)
@@ -227,7 +227,7 @@ class ServeOutput:
                 self.lost()
 
     def check(self) -> None:
-        """Raises OSError when something could not be printed."""
+        """Raise OSError when something could not be printed."""
         if self._trouble is not None:
             raise self._trouble
 

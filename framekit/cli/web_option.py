@@ -136,7 +136,7 @@ class WebPage:
 
 
 def _listening(place: str, token: str | None) -> WebServer:
-    """The server, which listens. Raises WordsError, VerbError."""
+    """Return the server, which listens. Raises WordsError, VerbError."""
     try:
         from framekit.web.access import Access, kept_token
         from framekit.web.server import WebServer, listening_at

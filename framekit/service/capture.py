@@ -59,7 +59,7 @@ class JsonReader:
     """The events of a file with their channels. `is_cut`: the last line is not whole (its writer was killed)."""
 
     def __init__(self, lines: Iterable[bytes]) -> None:
-        """Raises CaptureError."""
+        """Raise CaptureError."""
         self.is_cut = False
         self._lines = iter(lines)
         try:
@@ -161,7 +161,7 @@ class PcapRecords:
         self._lines = 0
 
     def of(self, event: LineEvent) -> bytes:
-        """The records of an event: several where characters of it are damaged."""
+        """Return the records of an event: several where characters of it are damaged."""
         at = event.at + self._epoch
         match event.kind:
             case "data":
@@ -214,7 +214,7 @@ class PcapReader:
     """
 
     def __init__(self, file: BinaryIO) -> None:
-        """Raises CaptureError."""
+        """Raise CaptureError."""
         self.is_cut = False
         self._file = file
         head = file.read(24)
@@ -299,7 +299,7 @@ class _Sink:
     """A file of whole records. It ends where a record cannot be written: a gap in a capture would be misread."""
 
     def __init__(self, path: Path, head: bytes, troubles: Troubles) -> None:
-        """Raises OSError."""
+        """Raise OSError."""
         self.path = path
         self._lost = 0
         self._size = 0
@@ -348,7 +348,7 @@ class _LaterSink:
     """A `_Sink` that a thread writes: the caller waits for a slow disk only when too many records wait."""
 
     def __init__(self, path: Path, head: bytes, troubles: Troubles) -> None:
-        """Raises OSError."""
+        """Raise OSError."""
         self.path = path
         self._sink = _Sink(path, head, troubles)
         self._behind = Behind(self._sink.write, MOST_WAITING, f"writes {path}")
@@ -401,7 +401,7 @@ class Capture:
 
     @property
     def paths(self) -> list[Path]:
-        """The files."""
+        """Return the files."""
         return list(dict.fromkeys(sink.path for sink in self._sinks.values()))
 
     @property
@@ -410,7 +410,7 @@ class Capture:
         return [str(trouble) for trouble in self.troubles.present()]
 
     def around(self, channel: int, port: Port) -> Port:
-        """The port with everything that goes through it captured."""
+        """Return the port with everything that goes through it captured."""
         return TappedPort(port, self._clock, partial(self._keep, channel))
 
     def around_next(self, port: Port) -> Port:
@@ -437,7 +437,7 @@ class Capture:
         self.write(channel, event)
 
     def close(self) -> None:
-        """Ends the files."""
+        """End the files."""
         for channel, records in self._records.items():
             self._sinks[channel].write(records.end(self._clock.now()), wait=True)
         for sink in self._sinks.values():
@@ -448,7 +448,7 @@ class CaptureReader:
     """A capture read again, whatever its format. Closed at the end of a `with`."""
 
     def __init__(self, path: Path) -> None:
-        """Raises CaptureError."""
+        """Raise CaptureError."""
         self._path = path
         try:
             self._file: BinaryIO = path.open("rb")
@@ -464,12 +464,12 @@ class CaptureReader:
 
     @property
     def order(self) -> str | None:
-        """The byte order of the records, as `struct` writes it; None where there are none (JSON lines)."""
+        """Return the byte order of the records, as `struct` writes it; None where there are none (JSON lines)."""
         return self._reader.order if isinstance(self._reader, PcapReader) else None
 
     @property
     def is_cut(self) -> bool:
-        """Whether the last record was not whole; known when all events have been read."""
+        """Return whether the last record was not whole; known when all events have been read."""
         return self._reader.is_cut
 
     def events(self) -> Iterator[tuple[int, LineEvent]]:
@@ -492,7 +492,7 @@ KIND = RECORD + 8
 
 
 def cut_of_capture(path: Path, direction: Literal["in", "out"]) -> Cut:
-    """The records of one direction, damaged characters by themselves. A record that is cut off is none.
+    """Return the records of one direction, damaged characters by themselves. A record that is cut off is none.
 
     Raises CaptureError.
     """

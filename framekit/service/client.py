@@ -90,7 +90,7 @@ class ClientService:
 
     @property
     def is_open(self) -> bool:
-        """Whether requests can go out now."""
+        """Return whether requests can go out now."""
         return self.driver.is_open
 
     def start(self) -> None:
@@ -106,7 +106,7 @@ class ClientService:
 
     @property
     def has_session(self) -> bool:
-        """Whether one may have to be closed before `stop`."""
+        """Return whether one may have to be closed before `stop`."""
         return self.engine.has_session and self.is_open
 
     def close_session(self, done: Callable[[], None]) -> None:
@@ -177,7 +177,7 @@ class ClientService:
             self._on_frame()
 
     def take_frame(self, names: tuple[str, ...]) -> FrameValue | None:
-        """The oldest frame of these names (of any, if there are none) that has not been taken."""
+        """Return the oldest frame of these names (of any, if there are none) that has not been taken."""
         for frame in self.frames:
             if not names or frame.frame in names:
                 self.frames.remove(frame)

@@ -136,7 +136,7 @@ class DeviceStore:
             self._alarm.cancel()
 
     def refresh(self) -> None:
-        """Brings these bits up to date; they do not move before `begin`."""
+        """Bring these bits up to date; they do not move before `begin`."""
         if self.system is not None and self._begun:
             self.system.update(self.clock.now())
 
@@ -144,7 +144,7 @@ class DeviceStore:
 def stores_of(
     devices: Sequence[Device | DeviceStore], clock: Clock, of_line: FaultPlan | None = None
 ) -> list[DeviceStore]:
-    """A store for every device that has none yet; a device over two protocols has one memory."""
+    """Return a store for every device that has none yet; a device over two protocols has one memory."""
     stores: list[DeviceStore] = []
     known: dict[str, AddressedMemory] = {}
     for one in devices:
@@ -238,7 +238,7 @@ SIMULATED = "sim:"
 
 
 def devices_of(channel: Channel, folder: Path) -> list[Device]:
-    """The simulated devices a channel's port names; none for a real port. Raises DefinitionError."""
+    """Return the simulated devices a channel's port names; none for a real port. Raises DefinitionError."""
     if not channel.port.startswith(SIMULATED):
         return []
     problems: list[Problem] = []
@@ -290,7 +290,10 @@ def _too_many(devices: list[Device], channel: Channel) -> list[Problem]:
 
 
 def port_for(channel: Channel, devices: list[Device], clock: Clock) -> tuple[Port, list[DeviceService]]:
-    """The port of a channel and the simulated devices on its line. Raises ValueError for a port of no known kind."""
+    """Return the port of a channel and the simulated devices on its line.
+
+    Raises ValueError for a port of no known kind.
+    """
     if not devices:
         return open_port(channel.port, channel.line, clock, channel.wiring), []
     line = SimulatedLine(clock, channel.line, full_duplex=not channel.wiring.half_duplex)
@@ -441,7 +444,7 @@ class Serving:
         self._set_idle_alarm()
 
     def admits(self, host: str) -> bool:
-        """Whether a client with that address is allowed; one that is not is counted, and logged once."""
+        """Return whether a client with that address is allowed; one that is not is counted, and logged once."""
         if self.limits.lets_in(host):
             return True
         self.turned_away["clients not allowed"] += 1
@@ -459,7 +462,10 @@ class Serving:
             log.warning(what, host)
 
     def _has_room(self, port: AcceptedPort) -> bool:
-        """Whether one more may be served. A sender of datagrams never ends by itself: it takes an older one's place."""
+        """Return whether one more may be served.
+
+        A sender of datagrams never ends by itself: it takes an older one's place.
+        """
         in_the_way = [one for one, host in self._hosts.items() if host == port.host]
         if len(in_the_way) < self.limits.per_address:
             if len(self._hosts) < MOST_CONNECTIONS:
@@ -551,7 +557,9 @@ class Serving:
     # ---- status -------------------------------------------------------------------------------------------
 
     def published(self, number: int) -> dict[str, Any]:
-        """The published variables of a device, those of scope line or session as its latest connection has them."""
+        """Return the published variables of a device, those of scope line or session as its latest connection has
+        them.
+        """
         services = next(reversed(self.connected.values()), None)
         if services is not None:
             return services[number].engine.status()

@@ -36,7 +36,7 @@ class LineLoad:
 
     @property
     def _busy(self) -> int:
-        """The time that the line was busy (ns)."""
+        """Return the time that the line was busy (ns)."""
         return self._before + (self.bytes - self._counted) * self.character_time
 
     def begin(self, now: int) -> None:

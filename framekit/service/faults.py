@@ -86,7 +86,7 @@ class FaultInjector:
         self.injected[kind] += 1
 
     def happens(self, kind: str, frame: str | None = None) -> FaultRule | None:
-        """The first rule of a kind that hits now."""
+        """Return the first rule of a kind that hits now."""
         for rule in self.of(kind):
             if rule.fits(self.time, frame) and rule.hits():
                 self.note(kind)
@@ -94,7 +94,9 @@ class FaultInjector:
         return None
 
     def refusal(self, request: FrameValue, check_only: bool) -> FaultRule | None:
-        """The rule that refuses a request; one that is checked before it is served gets the same answer twice."""
+        """Return the rule that refuses a request; one that is checked before it is served gets the same answer
+        twice.
+        """
         if request is not self._checked:
             self._checked, self._refusal = request, self.happens("error_reply", request.frame)
         if not check_only:
@@ -153,7 +155,7 @@ class FaultInjector:
 
     @staticmethod
     def noise(rule: RuleAtWork) -> bytes:
-        """The bytes that a rule adds."""
+        """Return the bytes that a rule adds."""
         model, random = rule.model, rule.random
         return model.data or random.randbytes(model.size or random.randint(1, LONGEST_NOISE))
 
@@ -189,7 +191,7 @@ class RuleAtWork:
         self.done = 0
 
     def fits(self, time: int, frame: str | None) -> bool:
-        """Whether it concerns a frame at a time of the plan."""
+        """Return whether it concerns a frame at a time of the plan."""
         model = self.model
         return model.begin <= time < model.end and (model.frame is None or model.frame == frame)
 

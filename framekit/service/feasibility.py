@@ -99,7 +99,7 @@ class _Play:
 
 
 def _only_cycles(block: Block, period: int, others: set[int]) -> Block:
-    """The block without triggers that ask for memory; a clock bit is a cycle."""
+    """Return the block without triggers that ask for memory; a clock bit is a cycle."""
     kept = [
         trigger
         for trigger in block.triggers
@@ -110,7 +110,7 @@ def _only_cycles(block: Block, period: int, others: set[int]) -> Block:
 
 
 def _follows(block: Block, number: int, ok: bool) -> int | None:
-    """The id of the block whose good end this one waits for: it is in the same set."""
+    """Return the id of the block whose good end this one waits for: it is in the same set."""
     return BLOCKS_IN_SET * (block.set - 1) + number if ok else None
 
 
@@ -148,7 +148,7 @@ class BlockLoad:
 
     @property
     def busy(self) -> float:
-        """The part of the channel's time this block wants; 0 when it is not known how often it starts."""
+        """Return the part of the channel's time this block wants; 0 when it is not known how often it starts."""
         return self.cost.duration / self.period if self.period else 0.0
 
 
@@ -178,7 +178,7 @@ class ChannelLoad:
 
 
 def channel_loads(run: RunModel, costs: Mapping[BlockKey, Cost]) -> tuple[ChannelLoad, ...]:
-    """The load of each channel of a run, without channels and blocks that are switched off."""
+    """Return the load of each channel of a run, without channels and blocks that are switched off."""
     periods = Periods(run)
     found = []
     for channel in (one for one in run.channels.values() if one.enabled):
@@ -207,7 +207,7 @@ class Periods:
         self.done_bits = dict(self._done_bits(run)) if run.status else {}
 
     def _done_bits(self, run: RunModel) -> Iterator[tuple[tuple[str, int], BlockKey]]:
-        """The bits in memory that pulse when a block ends well."""
+        """Yield the bits in memory that pulse when a block ends well."""
         for section in run.memory.flags.values():
             item = section.items.get("done")
             if item is None or item.bit is None:
@@ -217,7 +217,7 @@ class Periods:
                     yield (section.area, 16 * (section.base(*key) + item.word) + item.bit), key
 
     def of(self, block: Block) -> int | None:
-        """The shortest period (ns) of its triggers; None when none has one."""
+        """Return the shortest period (ns) of its triggers; None when none has one."""
         return self._of(block, frozenset())
 
     def _of(self, block: Block, seen: frozenset[BlockKey]) -> int | None:
@@ -226,13 +226,13 @@ class Periods:
         return min((period for trigger in block.triggers for period in trigger.periods(known)), default=None)
 
     def behind(self, key: BlockKey, seen: frozenset[BlockKey]) -> Iterator[int]:
-        """The period of another block that this one follows."""
+        """Yield the period of another block that this one follows."""
         period = self._of(self.blocks[key], seen) if key in self.blocks and key not in seen else None
         if period is not None:
             yield period
 
     def rising(self, condition: Expression, seen: frozenset[BlockKey]) -> list[int]:
-        """The clock or the end of a block whose bit is the condition, or part of it: it rises no more often."""
+        """Return the clock or the end of a block whose bit is the condition, or part of it: it rises no more often."""
         try:
             places = Condition(condition, self.grammar.parse).addresses.values()
         except AddressError:
@@ -299,7 +299,7 @@ OWN = "own"
 
 
 def loads_of(run: RunModel) -> tuple[ChannelLoad, ...]:
-    """The load of each channel of a run, from exchanges on simulated lines."""
+    """Return the load of each channel of a run, from exchanges on simulated lines."""
     return channel_loads(run, simulated_costs(run))
 
 
@@ -320,7 +320,7 @@ def key(block: Block) -> BlockKey:
 
 
 def arriving(channel: Channel, block: Block) -> Cost:
-    """A frame that comes by itself: it is not asked for, it only takes its time on the line."""
+    """Return a frame that comes by itself: it is not asked for, it only takes its time on the line."""
     codec = compile_protocol(channel.protocol)
     assert block.frame is not None
     scope = Scope(channel.protocol, role=channel.role, own=channel.own, line=channel.line, params=channel.params)
@@ -359,7 +359,7 @@ class SimulatedChannel:
     # ---- the other side -----------------------------------------------------------------------------------
 
     def _with_station(self, block: Block) -> Block:
-        """The block with a station that does not change: the one in memory now, or else the first there is."""
+        """Return the block with a station that does not change: the one in memory now, or else the first there is."""
         if block.station_from is None:
             return block
         try:
@@ -387,7 +387,7 @@ class SimulatedChannel:
     # ---- exchanges ----------------------------------------------------------------------------------------
 
     def costs(self) -> dict[BlockKey, Cost]:
-        """All blocks one after the other, twice: the second time connections and sessions are there."""
+        """Return all blocks one after the other, twice: the second time connections and sessions are there."""
         for device in self.devices:
             device.start()
         self.service.start()

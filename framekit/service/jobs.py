@@ -55,7 +55,7 @@ ResolveHost = Callable[[str, Found], None]
 
 
 def resolver_for(clock: Clock) -> ResolveHost:
-    """The system's resolver on a real clock; on any other one no name is known."""
+    """Return the system's resolver on a real clock; on any other one no name is known."""
     return SystemResolver(clock) if isinstance(clock, AsyncioClock) else lambda name, found: found([])
 
 
@@ -163,13 +163,13 @@ class HostChannels:
         way(number, "no_channel")
 
     def open_now(self) -> None:
-        """Opens the channel that leads to every host, before a job wants it. Raises ValueError."""
+        """Open the channel that leads to every host, before a job wants it. Raises ValueError."""
         opening = self._section.opening
         if opening is not None and opening.leads_anywhere:
             self._open("")
 
     def _open(self, address: str) -> int | None:
-        """A channel to an address, where the run allows one more; None where not. Raises ValueError."""
+        """Return a channel to an address, where the run allows one more; None where not. Raises ValueError."""
         opening = self._section.opening
         if opening is None:
             return None
@@ -207,7 +207,7 @@ class HostChannels:
             self._close(number)
 
     def close_all(self) -> None:
-        """Closes every channel that was opened here."""
+        """Close every channel that was opened here."""
         for number in tuple(self.opened):
             self._close(number)
 
@@ -280,7 +280,7 @@ class JobService:
         self.table.tick(now)
 
     def take(self, command: JobCommand | JobRecord) -> None:
-        """Carries a block's command out. Its status word is 0 from here until it has its answer.
+        """Carry a block's command out. Its status word is 0 from here until it has its answer.
 
         A record in memory is taken as it stands: who writes it clears its status word, and commands too many are lost.
         """
@@ -316,7 +316,7 @@ class JobService:
         return self._records
 
     def take_words(self, data: bytes, application: Protocol, number: int | None) -> None:
-        """Carries out the command that begins with these bytes. Raises CommandFaultError when they are none."""
+        """Carry out the command that begins with these bytes. Raises CommandFaultError when they are none."""
         command, refusal = self._reader(application).read(data, number)
         self.table.take(command, self.clock.now(), refusal)
         self._wake()
@@ -335,7 +335,7 @@ class JobService:
         )
 
     def _uses(self, number: int) -> bool:
-        """Whether a job is on a channel, or waits for it."""
+        """Return whether a job is on a channel, or waits for it."""
         slots = self.table.slots
         return any(slots[slot].active for slot, channel in self._channel_of.items() if channel == number)
 
@@ -382,14 +382,14 @@ class JobService:
         self._wake()
 
     def give_up(self, blocks: Container[int]) -> None:
-        """Ends the jobs that these blocks have established."""
+        """End the jobs that these blocks have established."""
         self.table.give_up(blocks, self.clock.now())
         self._wake()
 
     # ---- transfers ----------------------------------------------------------------------------------------
 
     def begin(self, attempt: Attempt) -> None:
-        """Begins a transfer on the channel of its job."""
+        """Begin a transfer on the channel of its job."""
         channel, order = self.channels.get(self._channel_of.get(attempt.slot, 0)), attempt.order
         if channel is None or channel.client is None:
             self.table.ended(attempt, Failure(outcome="no_sequence"), self.clock.now())
@@ -455,7 +455,7 @@ class JobService:
         return True
 
     def write_bits(self, bits: tuple[int, ...]) -> None:
-        """Puts the status bits into the own memory, also where others may not write."""
+        """Put the status bits into the own memory, also where others may not write."""
         place = self.section.status
         if place is None:
             return
@@ -530,7 +530,7 @@ class JobLine(ChannelOwner):
 
     @property
     def active(self) -> bool:
-        """Whether a job is at work."""
+        """Return whether a job is at work."""
         return any(slot.active for slot in self.table.slots.values())
 
     def carry_out(self, data: bytes, ended: Ended) -> None:

@@ -200,22 +200,22 @@ class RunService(ChannelOwner):
         return keeper
 
     def _kept_blocks(self) -> list[BlockState]:
-        """The blocks whose counters outlast a restart: those that a file numbers."""
+        """Return the blocks whose counters outlast a restart: those that a file numbers."""
         return [state for state in self.states.values() if state.block.set != POINTS_SET]
 
     @property
     def devices(self) -> list[DeviceService]:
-        """The simulated devices of all channels."""
+        """Return the simulated devices of all channels."""
         return [device for devices in self.devices_on.values() for device in devices]
 
     # ---- addresses ----------------------------------------------------------------------------------------
 
     def resolve(self, text: str) -> Address:
-        """The place of the own memory that a text names. Raises AddressError."""
+        """Return the place of the own memory that a text names. Raises AddressError."""
         return self.grammar.parse(text)
 
     def _awaited(self) -> set[tuple[str, int]]:
-        """The bits that triggers and points of the own memory look at."""
+        """Return the bits that triggers and points of the own memory look at."""
         places = ((point.place.address, point.bits) for point in self.run.points if point.channel is None)
         shown = {(place.area, place.first_bit + bit) for place, bits in places for bit in range(bits)}
         return awaited_bits(self.run.triggers, self.resolve) | shown
@@ -291,7 +291,7 @@ class RunService(ChannelOwner):
             self.jobs.opened(channel, is_open)
 
     def takes(self, block: int) -> Block | None:
-        """A RECEIVE block with its settings as they are now; None when it takes no frame now."""
+        """Return a RECEIVE block with its settings as they are now; None when it takes no frame now."""
         self.refresh()
         if not self.scheduler.takes(block):
             return None
@@ -403,7 +403,7 @@ class RunService(ChannelOwner):
         self._bits_first = self._looks_at_bits(awaited)
 
     def fire(self, number: int) -> None:
-        """Makes a block due by hand. Raises ValueError for a number there is not, and for a block that receives."""
+        """Make a block due by hand. Raises ValueError for a number there is not, and for a block that receives."""
         self.check_fired(number)
         self.refresh()
         self.scheduler.fire(number, self.clock.now())
@@ -447,7 +447,7 @@ class RunService(ChannelOwner):
         self.block_memory.changed(state)
 
     def _show_blocks(self) -> None:
-        """Brings the words of all blocks up to date."""
+        """Bring the words of all blocks up to date."""
         for state in self.states.values():
             self.block_memory.changed(state)
 
@@ -459,12 +459,16 @@ class RunService(ChannelOwner):
 
     @property
     def states(self) -> dict[int, BlockState]:
-        """The blocks at work, with their counters, by their ids: numbers in set 1, 64 more for each further set."""
+        """Return the blocks at work, with their counters, by their ids: numbers in set 1, 64 more for each further
+        set.
+        """
         return self.scheduler.states
 
     @property
     def problems(self) -> list[str]:
-        """The parts that fail now or have lost data: a state that cannot be written, sinks that take no values."""
+        """Return the parts that fail now or have lost data: a state that cannot be written, sinks that take no
+        values.
+        """
         slow = {source.name for source in self._slow.values()}
         return [str(trouble) for trouble in self.troubles.present() if trouble.name not in slow]
 
@@ -511,7 +515,7 @@ class RunService(ChannelOwner):
             self._words.tick(now)
 
     def _looks_at_bits(self, awaited: Iterable[tuple[str, int]]) -> bool:
-        """Whether anything in the run may look at bits that the memory sets by itself, or at words of blocks."""
+        """Return whether anything in the run may look at bits that the memory sets by itself, or at words of blocks."""
         areas = self.system.areas | self.block_memory.areas
         if self.jobs is not None or any(self.memory.area(area).name in areas for area, _ in awaited):
             return True
@@ -544,7 +548,7 @@ class RunEditor:
         self.waiting: _Prepared | None = None
 
     def request(self, run: RunModel, applied: Applied) -> None:
-        """Applies an edited run as soon as it can be; `applied` is called then. One that still waits is forgotten.
+        """Apply an edited run as soon as it can be; `applied` is called then. One that still waits is forgotten.
 
         Raises DefinitionError with the reasons when it cannot be applied, ValueError for a port of no known kind; the
         run goes on as it was then.
@@ -624,7 +628,7 @@ def run_status(service: RunService) -> RunStatus:
 
 
 def _stations(service: RunService) -> Iterator[StationStatus]:
-    """The stations that blocks talk to, as their settings are now, in the order of the blocks."""
+    """Yield the stations that blocks talk to, as their settings are now, in the order of the blocks."""
     found: dict[tuple[int, Hashable], list[BlockState]] = {}
     for state in service.states.values():
         station = service.exchanges.station_of(state)

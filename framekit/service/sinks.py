@@ -80,7 +80,7 @@ class SinkHost:
         return self._asked(self._status)
 
     def now(self) -> int:
-        """The time of the run's clock."""
+        """Return the time of the run's clock."""
         return self._clock.now()
 
     def values(self) -> Sequence[PointValue]:
@@ -177,7 +177,7 @@ class SinkFeeder:
         self._waiting = Waiting(store, threaded, self._change, self._store_state, self._overflows)
 
     def _count(self) -> Count:
-        """How many samples wait, and which are lost."""
+        """Return how many samples wait, and which are lost."""
         count, refused = self._waiting.count, self._refused
         points = Counter(count.points) + refused.points.copy()
         return Count(count.waiting, count.lost + refused.samples, points)

@@ -292,7 +292,7 @@ class StateKeeper:
                 put_back(state, found)
 
     def _content(self, state: BlockState) -> str:
-        """The fingerprint of a block, worked out once."""
+        """Return the fingerprint of a block, worked out once."""
         known = self._contents.get(id(state.block))
         if known is None:
             known = self._contents[id(state.block)] = (state.block, fingerprint(state.block))
@@ -359,12 +359,12 @@ class StateKeeper:
         return KeptRun(areas, {(block.set, block.number): block for block in blocks})
 
     def names(self) -> list[str]:
-        """The areas that are kept."""
+        """Return the areas that are kept."""
         return [name for name, _, _ in self.file.shape]
 
 
 def kept_of(state: BlockState, content: str) -> KeptBlock:
-    """A block's counters and its last failure."""
+    """Return a block's counters and its last failure."""
     failure = state.last_failure or Failure(outcome="")
     return KeptBlock(
         *state.key, content, state.started, state.done, state.failed, state.overruns,

@@ -107,12 +107,12 @@ class Waiting:
 
     @property
     def unsaved(self) -> int:
-        """The number of samples that are in memory only."""
+        """Return the number of samples that are in memory only."""
         return len(self._memory)
 
     @property
     def count(self) -> Count:
-        """How many samples wait, and which were dropped."""
+        """Return how many samples wait, and which were dropped."""
         dropped = [self._memory.dropped, *([] if self._store is None else [self._store.dropped])]
         points = dropped[0].points.copy()
         for other in dropped[1:]:
@@ -183,7 +183,7 @@ class Waiting:
 
     @property
     def has_some(self) -> bool:
-        """Whether samples can be sent."""
+        """Return whether samples can be sent."""
         if self._store is not None and not self._is_failing:
             return bool(len(self._store))
         return self._is_direct and bool(len(self._memory))

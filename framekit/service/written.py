@@ -64,7 +64,7 @@ class WriteLog:
 
 
 def _shown(unit: AreaUnit, data: bytes, count: int) -> str:
-    """The values as numbers."""
+    """Return the values as numbers."""
     try:
         values: list[Any] = numbers_of(data, unit.unit, unit.type, count)
     except PackingError:
@@ -74,7 +74,7 @@ def _shown(unit: AreaUnit, data: bytes, count: int) -> str:
 
 
 def _value(value: Any) -> str:
-    """A value of a variable, not longer than a line."""
+    """Return a value of a variable, not longer than a line."""
     if value is None:
         return "nothing"
     if isinstance(value, bytes):

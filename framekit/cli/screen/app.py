@@ -180,7 +180,7 @@ class MonitorApp(App[None]):
             self.draw_status()
 
     def on_data_table_row_highlighted(self, event: DataTable.RowHighlighted) -> None:
-        """Shows the fields of the frame that the cursor stands on."""
+        """Show the fields of the frame that the cursor stands on."""
         if event.data_table.id == "frames" and event.row_key is not None and event.row_key.value is not None:
             self.show_fields(int(event.row_key.value))
 
