@@ -1,4 +1,4 @@
-"""Services: what brings engines, ports, clocks and blocks together. Callback-based on a clock, real or virtual."""
+"""Services: combinations of engines, ports, clocks and blocks. Callback-based on a clock, real or virtual."""
 
 import logging
 

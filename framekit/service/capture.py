@@ -36,7 +36,7 @@ class CaptureError(ValueError):
 
 
 def event_line(channel: int, event: LineEvent, epoch: int) -> bytes:
-    """One event; `epoch` (ns) is added to its time."""
+    """Return an event as a line of JSON; `epoch` (ns) is added to its time."""
     line: dict[str, Any] = {"time_ns": event.at + epoch, "channel": channel, "event": event.kind}
     if event.direction:
         line["direction"] = event.direction
@@ -72,7 +72,7 @@ class JsonReader:
             raise CaptureError(f"this capture is of version {head.get('version')}, known is {HEADER['version']}")
 
     def events(self) -> Iterator[tuple[int, LineEvent]]:
-        """In the order of the file. Raises CaptureError for a line that is no event."""
+        """Yield the events in the order of the file. Raises CaptureError for a line that is no event."""
         for number, text in enumerate(self._lines, 2):
             if not text.endswith(b"\n"):
                 self.is_cut = True
@@ -99,13 +99,13 @@ def _event(line: dict[str, Any]) -> tuple[int, LineEvent]:
 
 
 MOST_TIME = 1 << 63
-"""No time of a capture is further from 1970 than so many nanoseconds."""
+"""Greatest distance from 1970 of a time in a capture (ns)."""
 
 
 LINK_TYPE = 250
 MAGIC_MICROSECONDS, MAGIC_NANOSECONDS = 0xA1B2C3D4, 0xA1B23C4D
 LONGEST = 65_000
-"""Data is cut into records of so many bytes; readers take the pieces of one time together."""
+"""Largest size of a record (bytes); readers join records of equal time."""
 SECOND = 1_000_000_000
 
 _GLOBAL = "IHHiIII"
@@ -187,7 +187,9 @@ class PcapRecords:
 
 
 def _pieces(event: LineEvent) -> Iterator[tuple[EventType, bytes]]:
-    """Sent bytes begin at their time, received ones are complete then; damaged characters stand by themselves."""
+    """Yield the records of an event: sent bytes with the time of their begin, received bytes with the time of their
+    end, damaged characters singly.
+    """
     kind = EventType.DATA_TX_START if event.direction == "out" else EventType.DATA_RX_END
     place = 0
     damaged = [fault for fault in event.faults if fault.fault in _FAULTS]  # the format cannot express a mark
@@ -233,7 +235,9 @@ class PcapReader:
             raise CaptureError(f"this pcap file is of link type {link} – serial lines are {LINK_TYPE}")
 
     def events(self) -> Iterator[tuple[int, LineEvent]]:
-        """In the order of the file, all of channel 1; pieces of one time with damaged characters between become one."""
+        """Yield the events in the order of the file, all of channel 1; records of equal time are joined across damaged
+        characters.
+        """
         held: LineEvent | None = None
         lines = -1
         for at, kind, control, data in self._records():
@@ -316,7 +320,9 @@ class _Sink:
         self._size = len(head)
 
     def write(self, record: bytes, *, wait: bool = False) -> bool:
-        """Always takes it; False is the answer of a sink with a place that can be full, where `wait` waits for room."""
+        """Write a record and return True; a sink with limited room returns False if it is full, unless `wait` is
+        set.
+        """
         if self.trouble.reason:
             self._lost += 1
         elif not self._file.closed:
@@ -362,7 +368,7 @@ class _LaterSink:
 
 
 def file_of_channel(path: Path, channel: int) -> Path:
-    """Where a pcap file of one of several channels goes."""
+    """Return the path of the pcap file of one of several channels."""
     return path.with_name(f"{path.stem}-{channel}{path.suffix}")
 
 
@@ -406,7 +412,7 @@ class Capture:
 
     @property
     def problems(self) -> list[str]:
-        """Why records are missing in the files."""
+        """Return the reasons why records are missing in the files."""
         return [str(trouble) for trouble in self.troubles.present()]
 
     def around(self, channel: int, port: Port) -> Port:
@@ -414,7 +420,8 @@ class Capture:
         return TappedPort(port, self._clock, partial(self._keep, channel))
 
     def around_next(self, port: Port) -> Port:
-        """As `around`, for a port of a server with many ports: in JSON lines each port is a new channel.
+        """Return the port with capture as `around` does, for a port of a server with many ports: in JSON lines each is
+        a new channel.
 
         In a pcap file all ports share its only line.
         """
@@ -423,9 +430,10 @@ class Capture:
         return self.around(first if self._records else first + self._ports - 1, port)
 
     def write(self, channel: int, event: LineEvent, *, wait: bool = False) -> bool:
-        """Writes one event; never raises for a file that cannot be written.
+        """Write an event; raise no error if a file cannot be written.
 
-        False: it is not in the file, as too much waits for a slow disk (only with `later`); `wait` waits instead.
+        Return False if the event is dropped because too many wait for a slow disk (only with `later`); with `wait`,
+        wait instead.
         """
         records = self._records.get(channel)
         if records is None:
@@ -473,7 +481,7 @@ class CaptureReader:
         return self._reader.is_cut
 
     def events(self) -> Iterator[tuple[int, LineEvent]]:
-        """Channel (1 in a pcap file) and event, in the order of the file. Raises CaptureError."""
+        """Yield channel (1 in a pcap file) and event, in the order of the file. Raises CaptureError."""
         try:
             yield from self._reader.events()
         except CaptureError as error:
@@ -535,7 +543,7 @@ class CaptureDecoder:
         params: Mapping[str, Any] | None = None,
         client: Literal["in", "out"] = "out",
     ) -> None:
-        """Raises CaptureError, and ParameterError for parameters that do not fit."""
+        """Open the capture. Raises CaptureError, and ParameterError for parameters that do not fit."""
         self.is_cut = False
         self._path = path
         self._protocol = protocol

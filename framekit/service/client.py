@@ -1,6 +1,6 @@
-"""A client at work: an engine on a port, transfers that can be given up, reads without end, and frames by themselves.
+"""A running client: an engine on a port, transfers that can be given up, endless reads, and frames without an exchange.
 
-Callbacks only, on a clock; waiting is built on top. Nothing is decided here about types of values.
+Callbacks only, on a clock; waiting is built on top. Types of values are handled elsewhere.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from framekit.transport.port import Port
 log = logging.getLogger(__name__)
 
 MOST_FRAMES = 1000
-"""So many frames are kept until they are asked for."""
+"""Largest number of received frames kept for later calls."""
 
 Begin = Callable[[Client, int, Done], Transfer]
 """Starts a transfer of a client at a time (ns), with a function to be called at its end."""
 StateChanged = Callable[[bool, str], None]
-"""Told whether the port is open, and why not."""
+"""Callback for the state of the port: whether it is open, and why not."""
 
 
 class ClientService:
@@ -94,11 +94,11 @@ class ClientService:
         return self.driver.is_open
 
     def start(self) -> None:
-        """Opens the port, and again whenever it is lost."""
+        """Open the port, and open it again whenever it is lost."""
         self.driver.start()
 
     def stop(self) -> None:
-        """Closes the port; what is under way fails as `closed`."""
+        """Close the port; pending transfers fail as `closed`."""
         self.driver.stop()
         self.driver.is_open = False
         self.engine.closed(self.clock.now(), "closed by this side")
@@ -110,7 +110,7 @@ class ClientService:
         return self.engine.has_session and self.is_open
 
     def close_session(self, done: Callable[[], None]) -> None:
-        """Takes leave of the other side as soon as nothing runs; `done` is called then."""
+        """End the session with the other side as soon as no exchange runs; then call `done`."""
         self.driver.do(lambda now: self.engine.close_session(now, done))
 
     def _state(self, state: str) -> None:
@@ -127,13 +127,15 @@ class ClientService:
     # ---- transfers ----------------------------------------------------------------------------------------
 
     def request(self, begin: Begin, on_done: Done) -> Transfer:
-        """Starts a transfer; `on_done` is called exactly once. Raises ValueError for what cannot be asked."""
+        """Start a transfer; `on_done` is called exactly once. Raises ValueError for an impossible request."""
         transfer = begin(self.client, self.clock.now(), on_done)
         self.driver.carry_out(transfer.commands)
         return transfer
 
     def give_up(self, transfer: Transfer) -> None:
-        """Its end is of no interest: nothing more is asked, and the line is free once its reply came or is late."""
+        """Give up a transfer: it sends no further requests, and the line is free once its reply has arrived or is
+        late.
+        """
         transfer.given_up = True
         self.driver.do(lambda now: self.engine.give_up(transfer, now))
 
@@ -149,7 +151,9 @@ class ClientService:
     # ---- frames -------------------------------------------------------------------------------------------
 
     def send(self, frame: str, fields: Mapping[str, Any], ended: Callable[[bool], None]) -> None:
-        """Sends a frame by itself; `ended` is told once whether it has left. Raises ValueError, KeyError."""
+        """Send a frame without an exchange; `ended` is called once with whether it has left. Raises ValueError,
+        KeyError.
+        """
 
         def sent() -> None:
             if ended in self._sending:
@@ -186,15 +190,16 @@ class ClientService:
 
 
 LEAST_PAUSE = 100_000_000
-"""After a failure the next read begins so much later at least (ns), so that a dead line is not asked without end."""
+"""Least pause after a failed read (ns), so that a dead line is not polled continuously."""
 
 OnResult = Callable[[TransferResult], None]
 
 
 class Polling:
-    """Reads `count` elements of `unit` from `address` on until `stop`; each begins `every` ns after the one before.
+    """Reads `count` elements of `unit` from `address` on until `stop`; each read begins `every` ns after the previous.
 
-    0: as soon as the last reply is there. `on_result` is told every end of a read; it may call `stop`.
+    With `every` 0 the next read begins when the previous has ended. `on_result` is called with every result; it may
+    call `stop`.
     """
 
     def __init__(
@@ -212,7 +217,7 @@ class Polling:
         self.is_running = False
 
     def start(self) -> None:
-        """Begins the first read. Raises ValueError for what cannot be asked."""
+        """Begin the first read. Raises ValueError for an impossible request."""
         self.is_running = True
         try:
             self._begin()
@@ -221,7 +226,7 @@ class Polling:
             raise
 
     def stop(self) -> None:
-        """Ends it; nothing is told any more. What has been asked is waited for and dropped."""
+        """Stop polling; no result follows. The reply of a pending request is awaited and dropped."""
         self.is_running = False
         self._alarm.cancel()
         request, self._request = self._request, None

@@ -97,7 +97,7 @@ class DeviceStore:
             told(what)
 
     def _behave(self) -> None:
-        """Time has come for a behaviour."""
+        """Run the behaviours that are due."""
         assert self.behaving is not None
         self.behaving.tick(self.clock.now())
         self._alarm.set(self.behaving.deadline)
@@ -121,7 +121,7 @@ class DeviceStore:
         return SystemBits(self.memory, profile, locate, (), date_at(self.clock))
 
     def begin(self) -> None:
-        """The clock bits and behaviours begin to run, once; behaviours go on after an end."""
+        """Begin the clock bits and behaviours, once; after an end only the behaviours continue."""
         if not self._begun and self.system is not None:
             self.system.start(self.clock.now())
         if self.behaving is not None:
@@ -229,7 +229,7 @@ class DeviceService:
         self.driver.stop()
 
     def end(self) -> None:
-        """The end of the device, which is on this port alone."""
+        """End the device, which is on this port only."""
         self.stop()
         self.store.end()
 
@@ -264,13 +264,13 @@ def devices_of(channel: Channel, folder: Path) -> list[Device]:
 
 
 def _here(problem: Problem, name: str, channel: Channel) -> Problem:
-    """A device that is not there is the fault of the run that names it."""
+    """Return a problem at the place in the run that names a device if its file is missing; other problems unchanged."""
     missing = problem.at.file == name
     return Problem(channel.port_at, problem.what, problem.todo) if missing else problem
 
 
 def _same_station(device: Device, others: list[Device], channel: Channel) -> list[Problem]:
-    """Devices of one station on the line of a channel."""
+    """Return a problem for devices with the same station on the line of a channel."""
     found = []
     for other in others:
         if not device.shares and not other.shares and device.own is not None and other.own == device.own:
@@ -280,7 +280,7 @@ def _same_station(device: Device, others: list[Device], channel: Channel) -> lis
 
 
 def _too_many(devices: list[Device], channel: Channel) -> list[Problem]:
-    """More devices than this kind of line can have."""
+    """Return a problem for more devices than this kind of line supports."""
     kind = channel.wiring.type
     count = sum(not device.shares for device in devices)
     if kind is None or count <= MOST_STATIONS[kind]:
@@ -332,7 +332,7 @@ MOST_CONNECTIONS = 256
 """At once; one more is closed as soon as it is made."""
 
 MOST_STRANGERS = 256
-"""So many addresses that are not allowed, or have too many connections, are logged, each once."""
+"""Largest number of refused addresses that are logged, each once."""
 
 
 class Serving:
@@ -376,7 +376,7 @@ class Serving:
     # ---- ports --------------------------------------------------------------------------------------------
 
     def serve(self, port: Port) -> None:
-        """Answers on a port, which is opened, and opened again when it is lost, until `stop`."""
+        """Serve on a port until `stop`; the port is opened, and opened again when it is lost."""
         self._begin_stores()
         self._begin(port, lambda state: None)
 
@@ -405,19 +405,19 @@ class Serving:
         return port.name, port.describes()
 
     def _begin_stores(self) -> None:
-        """The devices are at work, whether someone is connected or not."""
+        """Begin the memories of the devices, which run without connections too."""
         for store in self.stores:
             store.begin()
 
     def _trouble(self, number: int, what: str) -> None:
-        """A behaviour of a device could not be worked out: no connection has seen it."""
+        """Report the failed behaviour of a device to the monitor, without a connection."""
         seen = Seen("", "trouble", self.clock.now(), reason=what)
         self._count_fault(number, seen)
         if self.monitor is not None:
             self.monitor("", number, seen)
 
     async def listen(self, url: str) -> PortListener:
-        """Answers every connection to `url`, over UDP every sender by itself. Raises ValueError, OSError."""
+        """Serve every connection to `url`, over UDP every sender separately. Raises ValueError, OSError."""
         self.listener = listener = make_listener(url, self.clock, self.accept)
         if isinstance(listener, NetworkListener):
             listener.admits, listener.refused = self.admits, self.refused
@@ -425,7 +425,7 @@ class Serving:
         return listener
 
     def accept(self, port: AcceptedPort) -> None:
-        """Answers on a connection, or closes it where its client is not allowed, or where there are too many."""
+        """Serve a connection, or close it if its client is not allowed or there are too many connections."""
         if not self.admits(port.host):
             port.close()
             return
@@ -444,7 +444,7 @@ class Serving:
         self._set_idle_alarm()
 
     def admits(self, host: str) -> bool:
-        """Return whether a client with that address is allowed; one that is not is counted, and logged once."""
+        """Return whether a client with that address is allowed; a refused client is counted, and logged once."""
         if self.limits.lets_in(host):
             return True
         self.turned_away["clients not allowed"] += 1
@@ -452,7 +452,7 @@ class Serving:
         return False
 
     def refused(self, host: str) -> None:
-        """A connection was turned away because there were too many; that is counted, and logged once an address."""
+        """Count a connection refused because of too many others, and log it once an address."""
         self.turned_away["connections refused"] += 1
         self._log_once(host, "%s has too many connections: connections refused; they are counted from now on")
 
@@ -476,7 +476,7 @@ class Serving:
         return not port.ends_itself
 
     def _last_frame(self, port: Port) -> int:
-        """When the last good frame went over a connection; at first when it was made."""
+        """Return the time of the last good frame on a connection; at first the time of its opening."""
         return max(service.engine.last_frame for service in self.connected[port])
 
     def _set_idle_alarm(self) -> None:
@@ -534,7 +534,7 @@ class Serving:
             self.line_errors["bytes of noise"] += len(seen.raw)
 
     def _end(self, port: Port) -> None:
-        """A connection is over: it will not come again, another one may."""
+        """End a connection, which cannot be opened again; its client may open a new one."""
         self._hosts.pop(port, None)
         services = self.connected.pop(port, [])
         if services and not self.connected:
@@ -543,7 +543,7 @@ class Serving:
             service.stop()
 
     def stop(self) -> None:
-        """Accepts no more, and closes all ports."""
+        """Stop accepting, and close all ports."""
         if self.listener is not None:
             self.listener.stop()
         self._idle_alarm.cancel()
@@ -557,9 +557,7 @@ class Serving:
     # ---- status -------------------------------------------------------------------------------------------
 
     def published(self, number: int) -> dict[str, Any]:
-        """Return the published variables of a device, those of scope line or session as its latest connection has
-        them.
-        """
+        """Return the published variables of a device, those of scope line or session from its latest connection."""
         services = next(reversed(self.connected.values()), None)
         if services is not None:
             return services[number].engine.status()
@@ -567,7 +565,7 @@ class Serving:
 
 
 def check_line(devices: list[Device]) -> None:
-    """Whether devices can share a line. Raises ValueError with a sentence."""
+    """Raise ValueError with a sentence if the devices cannot share a line."""
     alone = [device for device in devices if not device.shares]
     for number, device in enumerate(alone):
         others = alone[:number]
@@ -595,7 +593,7 @@ class ListeningPort(Port):
         self, access: AddressedMemory, server: RequestHandler | None, monitor: Monitor | None, counters: LinkCounters,
         load: LineLoad, services: ServiceCounters, writes: WriteLog | None, turned_away: Counter[str],
     ) -> None:  # fmt: skip
-        """From now on connections are answered from this memory by this server, and counted and logged here."""
+        """Serve connections from this memory by this server from now on, with these counters and logs."""
         channel = self.channel
         device = Device(
             name=f"channel {channel.number}", protocol=channel.protocol, role=channel.role, own=channel.own,
@@ -628,7 +626,7 @@ class ListeningPort(Port):
         self.clock.call_soon(lambda: events.opened(now))
 
     def write(self, data: bytes) -> None:
-        """The port itself has no sender."""
+        """Ignore the bytes: the port itself has no sender."""
 
     def close(self) -> None:
         self.listener.stop()
@@ -636,4 +634,4 @@ class ListeningPort(Port):
             self.serving.stop()
 
     def send_break(self, duration: int) -> None:
-        """The port itself has no sender."""
+        """Ignore the break: the port itself has no sender."""

@@ -46,7 +46,7 @@ class LineLoad:
 
     @property
     def bytes(self) -> int:
-        """Bytes of both directions."""
+        """Return the number of bytes in both directions."""
         return self.bytes_in + self.bytes_out
 
     def share(self, now: int) -> float | None:
@@ -222,7 +222,7 @@ class Driver(PortEvents):
             try:
                 if moment is not None:
                     moment.end()
-            finally:  # whatever went wrong, the engine's times still come
+            finally:  # the timer must be set after errors, too
                 self._alarm.set(NEVER if self.stopped else self.engine.deadline)
 
     def other_sender(self, now: int) -> None:

@@ -1,4 +1,6 @@
-"""Faults as a plan says, done to what a device or a channel sends: which and when, and the port that does them."""
+"""Fault injection by a plan into the transmissions of a device or a channel: selection of rules, and the port that
+applies them.
+"""
 
 from __future__ import annotations
 
@@ -17,30 +19,30 @@ from framekit.transport.port import PassingPort, Port, PortEvents
 from framekit.transport.simulated_line import SimulatedPort, Transmission, hits, in_order
 
 AWAY = 1_000_000_000
-"""How long a disconnection lasts that does not say (ns)."""
+"""Default duration of a disconnection (ns)."""
 NOT_OF_FRAMES = (*LINE_KINDS, "echo", "error_reply")
 """Kinds that are not done to the bytes of a frame that is sent."""
 LONGEST_NOISE = 4
-"""Bytes that come when a rule does not say how many."""
+"""Largest number of bytes that a rule without a number adds."""
 
 
 @dataclass(slots=True)
 class Treated:
-    """What becomes of the bytes of one `write`: pieces with the pause (ns) before each; none: they are not heard.
-
-    `held`: they come before what is sent next. `cut`: the connection goes away instead, for so long (ns).
-    """
+    """Result of treating the bytes of one `write`."""
 
     pieces: list[tuple[int, bytes]] = field(default_factory=list)
+    """Pieces with the pause (ns) before each; empty: the bytes are lost."""
     held: bool = False
+    """Whether the pieces are sent together with the next bytes."""
     cut: int | None = None
+    """Duration of a disconnection (ns) in place of the bytes; None: no disconnection."""
 
 
 class FaultInjector:
-    """The plan at work for one side. `injected` counts what has been done, by kind.
+    """The plan applied to one side. `injected` counts the faults by kind.
 
-    `answers`: the side is the one that answers, its frames are the replies. `name` makes the chance of several devices
-    with one plan different. Times count from `begin`, which the port calls when it is opened first.
+    `answers`: whether this side sends the replies. `name` gives several devices with one plan different random numbers.
+    Times count from `begin`, which the port calls when it is opened first.
     """
 
     def __init__(
@@ -66,7 +68,7 @@ class FaultInjector:
         self._refusal: FaultRule | None = None
 
     def begin(self) -> None:
-        """The port is opened; the first time is time 0 of the plan."""
+        """Set time 0 of the plan at the first opening of the port."""
         if self._began is None:
             self._began = self.clock.moment()
 
@@ -75,14 +77,14 @@ class FaultInjector:
         return 0 if self._began is None else self.clock.moment() - self._began
 
     def at(self, time: int) -> int:
-        """When a time of the plan is on the clock."""
+        """Return a time of the plan as a time of the clock (ns)."""
         return (self._began or 0) + time
 
     def of(self, kind: str) -> list[RuleAtWork]:
         return [rule for rule in self.rules if rule.model.kind == kind]
 
     def note(self, kind: str) -> None:
-        """Something has been done."""
+        """Count a fault."""
         self.injected[kind] += 1
 
     def happens(self, kind: str, frame: str | None = None) -> FaultRule | None:
@@ -94,7 +96,7 @@ class FaultInjector:
         return None
 
     def refusal(self, request: FrameValue, check_only: bool) -> FaultRule | None:
-        """Return the rule that refuses a request; one that is checked before it is served gets the same answer
+        """Return the rule that refuses a request; a request that is checked before it is served gets the same answer
         twice.
         """
         if request is not self._checked:
@@ -106,7 +108,7 @@ class FaultInjector:
     # ---- frames -------------------------------------------------------------------------------------------
 
     def treat(self, data: bytes, character_time: int) -> Treated:
-        """What becomes of a frame that is sent now."""
+        """Apply the rules to a frame that is sent now."""
         name = self.frames.name_of(data) if any(rule.model.frame for rule in self.rules) else None
         treated, pause, size = Treated(), 0, 0
         for rule in self.rules:
@@ -137,7 +139,7 @@ class FaultInjector:
         return treated
 
     def _changed(self, rule: RuleAtWork, data: bytes) -> bytes | None:
-        """The bytes as a rule leaves them; None where it cannot do anything to them."""
+        """Return the bytes as a rule changes them; None if the rule is not applicable to them."""
         model, random = rule.model, rule.random
         match model.kind:
             case "wrong_check":
@@ -162,7 +164,7 @@ class FaultInjector:
     # ---- the line -----------------------------------------------------------------------------------------
 
     def damage(self, transmission: Transmission) -> None:
-        """Noise on a simulated line: bits of characters as they are on the wire, so that parity may see it."""
+        """Apply noise to bits of characters on a simulated line, so that parity may detect it."""
         for rule in self.of("noise"):
             if rule.fits(self.time, None):
                 bits = transmission.wire_bits
@@ -171,7 +173,7 @@ class FaultInjector:
                     self.note("noise")
 
     def damaged(self, data: bytes) -> bytes:
-        """Noise where there are only bytes: wrong data bits."""
+        """Apply noise to data bits only."""
         wrong = bytearray(data)
         for rule in self.of("noise"):
             if rule.fits(self.time, None):
@@ -196,7 +198,7 @@ class RuleAtWork:
         return model.begin <= time < model.end and (model.frame is None or model.frame == frame)
 
     def hits(self) -> bool:
-        """Whether it happens to this one."""
+        """Return whether the rule hits this occurrence."""
         model = self.model
         self.seen += 1
         if model.times is not None and self.done >= model.times:
@@ -209,7 +211,7 @@ class RuleAtWork:
         return hit
 
     def wrong_bits(self, count: int) -> list[int]:
-        """Which of so many bits are wrong."""
+        """Return the indices, out of `count`, of the wrong bits."""
         rate = self.model.rate or 0.0
         return list(hits(self.random, rate, count)) if rate > 0 else []
 
@@ -219,10 +221,7 @@ GONE = "disconnected by the fault plan"
 
 @dataclass(slots=True)
 class _Item:
-    """Bytes, a break of so many ns, a silence or a disconnection for so long, after a pause.
-
-    `owners`: its owner waits for `sent`.
-    """
+    """An item of the send queue after a pause: bytes, a break, a silence or a disconnection (durations in ns)."""
 
     pause: int
     data: bytes = b""
@@ -230,11 +229,12 @@ class _Item:
     silence: int = 0
     cut: int | None = None
     owners: bool = True
+    """Whether the owner of the port waits for `sent`."""
     marked: int | None = None
 
 
 class FaultyPort(PassingPort):
-    """Stands between an owner and a port; it is a port itself. One injector belongs to one port."""
+    """Port between an owner and another port that applies faults. Each port has its own injector."""
 
     def __init__(self, inner: Port, injector: FaultInjector) -> None:
         super().__init__(inner)
@@ -276,7 +276,7 @@ class FaultyPort(PassingPort):
         self._timers.clear()
 
     def _later(self, when: int, action: Callable[[], None]) -> None:
-        """Does something then, unless the port has been closed meanwhile."""
+        """Run an action at time `when` (ns), unless the port has been closed meanwhile."""
         opening = self._opening
         self._timers = self._timers[-8:]
         self._timers.append(self.clock.call_at(when, lambda: action() if opening == self._opening else None))
@@ -288,13 +288,13 @@ class FaultyPort(PassingPort):
             events.closed(self._now(), GONE)
 
     def _cut(self, until: int) -> None:
-        """The connection goes away, until then."""
+        """Disconnect until a time (ns)."""
         self._away_until = until
         self.inner.close()
         self._refuse()
 
     def _set_windows(self) -> None:
-        """Disconnections that have a window and no frames to wait for begin by themselves; so do stray bytes."""
+        """Schedule the disconnections with a time window, and the stray bytes."""
         injector, now = self.injector, self._now()
         for rule in injector.of("disconnect"):
             model = rule.model
@@ -323,7 +323,7 @@ class FaultyPort(PassingPort):
             treated.pieces = []
         elif before and treated.pieces:
             treated.pieces[0] = (treated.pieces[0][0], before + treated.pieces[0][1])
-        elif before:  # what was held back for this frame goes out alone
+        elif before:  # the bytes held back for this frame go out alone
             self._queue.append(_Item(0, before, owners=False))
         if treated.cut is not None:
             self._queue.append(_Item(0, cut=treated.cut, owners=False))
@@ -341,8 +341,8 @@ class FaultyPort(PassingPort):
         self.write(data, marked)
 
     def _mark(self, marked: int, size: int, pieces: int, before: int) -> None:
-        """Of what has just been queued for `size` bytes, the first byte stays the first, behind those held back
-        `before`, and the last one the last.
+        """Mark a byte of the data queued last: the first of `size` bytes follows `before` held bytes, the last ends the
+        last item.
         """
         if marked == 0:
             self._queue[-pieces].marked = before
@@ -355,7 +355,7 @@ class FaultyPort(PassingPort):
             self._go_on()
 
     def _go_on(self) -> None:
-        """The next thing in the queue, once the one before it has left."""
+        """Send the next item of the queue once the previous has left."""
         if self._busy or self.events is None:
             return
         if not self._queue:
@@ -388,7 +388,7 @@ class FaultyPort(PassingPort):
             self._go_on()
 
     def _plan_stray(self, rule: RuleAtWork) -> None:
-        """Stray bytes come at random times, on the average `time` apart."""
+        """Schedule stray bytes at random times, on the average `time` apart."""
         begin = max(self._now(), self.injector.at(rule.model.begin))
         when = begin + max(1, round(rule.random.expovariate(1) * (rule.model.time or 1)))
         if when < self.injector.at(rule.model.end):
@@ -402,7 +402,7 @@ class FaultyPort(PassingPort):
         self._plan_stray(rule)
 
     def _damage(self, transmission: Transmission) -> None:
-        """On a simulated line: noise in the bits on the wire, and whether the sender hears itself."""
+        """Apply noise to the bits on a simulated line, and set whether the sender receives its own bytes."""
         self.injector.damage(transmission)
         if not self.injector.answers and self.injector.happens("echo") is not None:
             transmission.echo = True
@@ -410,7 +410,9 @@ class FaultyPort(PassingPort):
     # ---- in -----------------------------------------------------------------------------------------------
 
     def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
-        """A device with an echo sends back what it hears: the client hears itself."""
+        """Pass on received bytes; a device with an echo also sends them back, so that the client receives its own
+        bytes.
+        """
         if self.events is None:
             return
         if self.injector.answers and self.injector.happens("echo") is not None:

@@ -1,8 +1,9 @@
-"""The load of a run's channels: what their blocks need in their cycles, and which cycles the channels have no time for.
+"""The load of a run's channels: the time that their blocks need in their cycles, and cycles for which a channel lacks
+time.
 
-What an exchange of a block costs is found on a simulated line against a server of our own, to the bit time: so it has
-everything in it that the protocol does – split exchanges, acknowledgements, silences – and no knowledge of it is needed
-here. Nothing of the run itself is touched: memories, ports and clocks are made for this.
+The cost of an exchange is measured on a simulated line against a server of our own, to the bit time: so it includes all
+effects of the protocol – split exchanges, acknowledgements, silences – without knowledge of the protocol here. The run
+itself is not touched: memories, ports and clocks are made for this purpose.
 """
 
 from __future__ import annotations
@@ -36,17 +37,19 @@ BlockKey = tuple[int, int]
 """Set and number of a block."""
 
 MOST_EXCHANGES = 5_000
-"""So many exchanges are played through at most; cycles that have not met again by then are judged by these."""
+"""Largest number of simulated exchanges; longer common periods are judged by these."""
 
 ROUNDS = 4
-"""So often all cycles begin together."""
+"""Number of simulated common periods, at whose begin all cycles start together."""
 
 Cycle = tuple[Block, int, int]
-"""A block with its period, and what an exchange takes, both in ns."""
+"""A block with its period, and the duration of an exchange, both in ns."""
 
 
 def cycle_starts(cycles: Sequence[Cycle]) -> dict[tuple[int, int], tuple[float, float]]:
-    """For the blocks of one channel, by set and number: ns from start to start, and the share of missed starts."""
+    """Return the average time from start to start (ns) and the share of missed starts, by set and number of the
+    block.
+    """
     if not cycles:
         return {}
     play = _Play(cycles)
@@ -65,7 +68,7 @@ def cycle_starts(cycles: Sequence[Cycle]) -> dict[tuple[int, int], tuple[float, 
 
 
 class _Play:
-    """Blocks that start in their cycles, or behind one that does, and do nothing but take their time."""
+    """Simulates blocks that start in their cycles, or after such a block, and only take their time."""
 
     def __init__(self, cycles: Sequence[Cycle]) -> None:
         numbers = {block.id for block, _, _ in cycles}
@@ -85,7 +88,7 @@ class _Play:
         self.started += 1
 
     def until(self, end: int, most: int) -> int:
-        """Plays on to `end`, or until so many exchanges have begun; when that is."""
+        """Simulate up to time `end`, or until `most` exchanges have begun; return the time reached."""
         scheduler = self.scheduler
         while self.started < most and (due := min(scheduler.deadline, self.ends_at)) <= end:
             self.now = now = max(self.now, due)
@@ -120,31 +123,29 @@ def _no_place(text: str) -> Address:
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What one exchange of a block takes: the channel's time (ns), bytes on the wire in both directions, frames.
-
-    `duration` has everything that keeps the channel from beginning the next one. `doubt`: why the real exchange may
-    take longer, '' when there is no reason to think so.
-    """
+    """Cost of one exchange of a block."""
 
     duration: int
+    """Time (ns) until the channel can begin the next exchange."""
     bytes: int = 0
+    """Bytes on the wire in both directions."""
     frames: int = 0
     doubt: str = ""
+    """Reason why the real exchange may take longer; '' if none is known."""
 
 
 @dataclass(frozen=True, slots=True)
 class BlockLoad:
-    """A block's part: its `period` (ns; None: it is not known how often it starts), and what each exchange costs.
-
-    `reached` is how long it is from start to start, on average, when the channel has only its cycles to do; `missed`
-    is the part of the cycles that find no time.
-    """
+    """The load caused by a block."""
 
     block: Block
     period: int | None
+    """Period (ns); None if unknown."""
     cost: Cost
     reached: float = 0.0
+    """Average time from start to start (ns) if the channel has only its cycles."""
     missed: float = 0.0
+    """Share of the cycles for which the channel lacks time."""
 
     @property
     def busy(self) -> float:
@@ -173,7 +174,7 @@ class ChannelLoad:
 
     @property
     def round(self) -> int:
-        """One exchange of each block that has a cycle, ns."""
+        """Return the total duration of one exchange of each block with a cycle (ns)."""
         return sum(one.cost.duration for one in self.blocks if one.period)
 
 
@@ -195,7 +196,7 @@ def _reached(load: BlockLoad, starts: Mapping[BlockKey, tuple[float, float]]) ->
 
 
 class Periods:
-    """How often blocks start: cycles, clock bits, and blocks that follow such a block."""
+    """Periods of blocks: from cycles, clock bits, and blocks that follow such a block."""
 
     def __init__(self, run: RunModel) -> None:
         self.grammar: AddressGrammar = addresses_of(run.memory)
@@ -248,7 +249,7 @@ class Periods:
 
 @dataclass(frozen=True, slots=True)
 class _BlockPeriods:
-    """What triggers of one block ask for (`KnownPeriods`); `seen`: blocks that are being worked out already."""
+    """Periods of the triggers of one block (`KnownPeriods`); `seen`: blocks whose period is being computed."""
 
     periods: Periods
     set: int
@@ -261,11 +262,11 @@ class _BlockPeriods:
         return self.periods.behind((self.set, number), self.seen)
 
 
-# ---- what to say ------------------------------------------------------------------------------------------
+# ---- messages ---------------------------------------------------------------------------------------------
 
 
 def load_problems(loads: tuple[ChannelLoad, ...]) -> list[Problem]:
-    """A warning at each block whose cycle its channel has no time for."""
+    """Return a warning for each block whose cycle the channel lacks time for."""
     return [
         Problem(one.block.at, _what(load, one), _todo(load, one), warning=True)
         for load in loads
@@ -304,7 +305,7 @@ def loads_of(run: RunModel) -> tuple[ChannelLoad, ...]:
 
 
 def simulated_costs(run: RunModel) -> dict[BlockKey, Cost]:
-    """What an exchange of each block costs, by set and number."""
+    """Return the cost of an exchange of each block, by set and number."""
     found: dict[BlockKey, Cost] = {}
     for channel in (one for one in run.channels.values() if one.enabled):
         blocks = [block for block in run.blocks if block.channel == channel.number]
@@ -349,7 +350,7 @@ class SimulatedChannel:
         self.devices = self._servers(dict.fromkeys(block.station for block in self.blocks if _asks(block)))
 
     def _answer_time(self, transmission: Transmission) -> None:
-        """A device thinks for a while before it answers; what it sends behind that comes at once."""
+        """Delay the answer of a device by its processing time; further transmissions of the device follow at once."""
         if transmission.sender == OWN:
             self._sent.append(len(transmission.data))
         elif self._last_sender == OWN:
@@ -387,7 +388,9 @@ class SimulatedChannel:
     # ---- exchanges ----------------------------------------------------------------------------------------
 
     def costs(self) -> dict[BlockKey, Cost]:
-        """Return all blocks one after the other, twice: the second time connections and sessions are there."""
+        """Return the cost of each block: all run twice in order, and the second time connections and sessions are
+        open.
+        """
         for device in self.devices:
             device.start()
         self.service.start()
@@ -397,10 +400,10 @@ class SimulatedChannel:
         return {key(block): self._exchange(block) for block in self.blocks}
 
     def _exchange(self, block: Block) -> Cost:
-        """One exchange, from the end of the one before it to its own end."""
+        """Return the cost of one exchange, from the end of the previous exchange to its own end."""
         ended: list[Failure | None] = []
         line, clock, counters = self.line, self.clock, self.service.engine.counters
-        clock.run_for(max(0, self.service.engine.held_until - clock.now()))  # what is due of the one before
+        clock.run_for(max(0, self.service.engine.held_until - clock.now()))  # the hold of the previous exchange
         began, carried, frames = clock.now(), line.bytes_carried, line.transmissions
         heard = counters.received
         self._sent.clear()

@@ -1,7 +1,7 @@
 """The jobs of a run: the job table on the run's channels and memory.
 
-Jobs share the connection of their channel with its blocks and with each other; the channel's engine does one exchange
-after the other, or several where its protocol can. When what starts is the table's business.
+Jobs share the connection of their channel with its blocks and with each other; the channel's engine runs one exchange
+after the other, or several if its protocol supports that. The job table decides when a job starts.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ from framekit.service.channel import ChannelOwner, ChannelService, RunChannels
 from framekit.transport.clock import AsyncioClock, Clock
 
 Found = Callable[[list[str] | None], None]
-"""Told the addresses of a name: none when it is not known, None when it could not be asked."""
+"""Callback for the addresses of a name: empty if the name is unknown, None if the resolver failed."""
 
 ResolveHost = Callable[[str, Found], None]
 
@@ -84,20 +84,20 @@ class SystemResolver:
 
 
 FIRST_OPENED = 1001
-"""Channels that are opened when they are wanted are numbered from here on, past those of a run."""
+"""First number of channels opened on demand, above those of a run."""
 
 Way = Callable[[int | None, str], None]
-"""Told the number of a channel; None with the reason, one of a job profile's words, when there is none."""
+"""Callback for the number of a channel; None with the reason, a word of a job profile, if no channel is available."""
 
 
 class ChannelOpener(Interface):
-    """Who has the channels, and makes more of them."""
+    """Owner of the channels, which can open more of them."""
 
     def open_for_jobs(self, channel: Channel) -> None:
-        """Makes and opens a channel. Raises ValueError for a port that cannot be made."""
+        """Make and open a channel. Raises ValueError for a port that cannot be made."""
 
     def close_for_jobs(self, number: int) -> None:
-        """Closes such a channel, and forgets it."""
+        """Close and remove such a channel."""
 
 
 class HostChannels:
@@ -119,10 +119,13 @@ class HostChannels:
         self._opener = opener
         self._in_use = in_use
         self.opened: list[int] = []
-        """Channels opened here; the one that was wanted last is the last."""
+        """Channels opened here, the most recently requested last."""
 
     def find(self, attempt: Attempt, wanted: Callable[[], bool], way: Way) -> None:
-        """By what the run says, else by the address that the name has. Nothing is opened for what is not `wanted`."""
+        """Find the channel to a host: by the run, else by the address of the name.
+
+        Open no channel unless it is still `wanted`.
+        """
         host = attempt.order.host
         if attempt.order.channel is not None:
             way(attempt.order.channel, "no_channel")
@@ -137,7 +140,7 @@ class HostChannels:
             return
 
         def found(addresses: list[str] | None) -> None:
-            """Told the addresses of the name; none: it is not known; None: asking failed."""
+            """Use the addresses of the name; empty: unknown; None: the resolver failed."""
             if not wanted():
                 return
             if not addresses:
@@ -187,7 +190,7 @@ class HostChannels:
         return number
 
     def _make_room(self) -> bool:
-        """Closes the channel that has been unused for the longest time; whether there is one."""
+        """Close the channel that has been unused for the longest time; return whether such a channel existed."""
         idle = next((number for number in self.opened if not self._in_use(number)), None)
         if idle is not None:
             self._close(idle)
@@ -198,7 +201,7 @@ class HostChannels:
         self._opener.close_for_jobs(number)
 
     def lost(self, number: int) -> None:
-        """A channel is not open any more: one that was opened here is given up, unless a job wants it again."""
+        """Handle a closed channel: a channel opened here is removed, unless a job requests it again."""
         if number in self.opened:
             self._clock.call_soon(lambda: self._give_up(number))
 
@@ -215,11 +218,11 @@ class HostChannels:
 Finished = Callable[[int, Failure | None], None]
 
 NO_NETWORK = tuple(os.strerror(number) for number in (errno.ENETDOWN, errno.ENETUNREACH, errno.EADDRNOTAVAIL))
-"""What systems say when no host at all can be reached; anything else is the trouble of one host."""
+"""System messages when no host at all can be reached; all others concern a single host."""
 
 
 class JobService:
-    """Carries out the jobs of a run. `finished` is told the end of each block's command, `wake` when times change."""
+    """Runs the jobs of a run. `finished` is called at the end of each block's command, `wake` when times change."""
 
     def __init__(
         self,
@@ -250,19 +253,19 @@ class JobService:
     # ---- life ---------------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Commands are taken from now on."""
+        """Accept commands from now on."""
         self._channel_of.clear()
         self._waiting.clear()
         self.table.start(self.clock.now())
 
     def stop(self) -> None:
-        """All jobs are aborted."""
+        """Abort all jobs."""
         self.table.stop()
         while self._surplus:
             self.answered(self._surplus.popleft(), None)
 
     def reset(self) -> None:
-        """As after the start."""
+        """Reset to the state after the start."""
         self.stop()
         self._channel_of.clear()
         self._waiting.clear()
@@ -270,19 +273,19 @@ class JobService:
 
     @property
     def deadline(self) -> int:
-        """When `tick` has something to do."""
+        """Return the time of the next work for `tick`."""
         return min(self.table.deadline, self.table.room_at(self.clock.now()) if self._surplus else NEVER)
 
     def tick(self, now: int) -> None:
-        """Does what is due; commands that had to wait come first."""
+        """Do the work that is due; waiting commands come first."""
         while self._surplus and self.table.room_at(now) <= now:
             self.table.take(self._surplus.popleft(), now)
         self.table.tick(now)
 
     def take(self, command: JobCommand | JobRecord) -> None:
-        """Carry a block's command out. Its status word is 0 from here until it has its answer.
+        """Carry out a command of a block. Its status word is 0 until the answer.
 
-        A record in memory is taken as it stands: who writes it clears its status word, and commands too many are lost.
+        A record in memory is taken unchanged: its writer clears the status word, and commands in excess are lost.
         """
         if isinstance(command, JobRecord):
             self._take_record(command)
@@ -328,7 +331,7 @@ class JobService:
     # ---- connections --------------------------------------------------------------------------------------
 
     def connect(self, attempt: Attempt) -> None:
-        """The job uses the channel that leads to its host; one that is not open is opened now."""
+        """Assign the channel to its host to a job; a closed channel is opened now."""
         self._channel_of.pop(attempt.slot, None)
         self.hosts.find(
             attempt, lambda: self.table.awaits(attempt), lambda number, reason: self._join(attempt, number, reason)
@@ -344,7 +347,7 @@ class JobService:
         self._wake()
 
     def _join(self, attempt: Attempt, number: int | None, reason: str) -> None:
-        """Of a job that is no more nothing is known."""
+        """Continue a job with its channel, unless the job has ended meanwhile."""
         if not self.table.awaits(attempt):
             return
         channel = None if number is None else self.channels.get(number)
@@ -362,7 +365,7 @@ class JobService:
             self._no_way(attempt, "not_connected")
 
     def opened(self, number: int, is_open: bool) -> None:
-        """A channel is open, or is not: its jobs begin, or end."""
+        """Begin or end the jobs of a channel that has been opened or closed."""
         waiting, self._waiting[number] = self._waiting.get(number, []), []
         now = self.clock.now()
         if is_open:
@@ -431,7 +434,7 @@ class JobService:
         ).commands
 
     def _store(self, order: Order, result: TransferResult) -> Failure | None:
-        """What was read, at its place in the own memory, whole."""
+        """Store the read data at its place in the own memory, whole; return the failure, if any."""
         if order.kind != "read":
             return None
         client = self.channels[self._channel_of[order.slot]].client
@@ -446,7 +449,7 @@ class JobService:
     # ---- words and bits -----------------------------------------------------------------------------------
 
     def write_words(self, place: OwnPlace, words: tuple[int, ...]) -> bool:
-        """Puts words into the own memory; whether they could be."""
+        """Write words into the own memory; return whether that was possible."""
         data = b"".join(word.to_bytes(2, "little") for word in words)
         try:
             store_pieces(self.memory, [(place, 16 * len(words), data)])
@@ -463,7 +466,7 @@ class JobService:
         self.memory.area(place.address.area).write_bits(place.address.first_bit, len(bits), data, force=True)
 
     def answered(self, command: JobCommand, word: int | None) -> None:
-        """The block of a command has ended."""
+        """Report the answer of a command to its block."""
         if command.id is None:
             return
         profile = self.section.profile
@@ -478,13 +481,13 @@ class JobService:
 
 
 Ended = Callable[[Failure | None], None]
-"""Told once how a command was answered; None when all is well."""
+"""Callback for the answer of a command, called once; None for success."""
 
 
 class JobLine(ChannelOwner):
-    """Jobs over a memory with the areas of `application`. `channel`: what leads to hosts, as in `Opening`.
+    """Jobs over a memory with the areas of `application`. `channel`: the way to hosts, as in `Opening`.
 
-    `closed` is told why a way to a host is closed, or could not be opened.
+    `closed` is called with the reason why the connection to a host is closed, or could not be opened.
     """
 
     def __init__(
@@ -517,13 +520,13 @@ class JobLine(ChannelOwner):
     # ---- life ---------------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Commands are taken from now on. Raises DefinitionError, ValueError for a port that cannot be made."""
+        """Accept commands from now on. Raises DefinitionError, ValueError for a port that cannot be made."""
         self.jobs.hosts.open_now()
         self.jobs.start()
         self._arm()
 
     def stop(self) -> None:
-        """All jobs are aborted, and their connections closed."""
+        """Abort all jobs and close their connections."""
         self.jobs.stop()
         self.jobs.hosts.close_all()
         self._arm()
@@ -534,9 +537,9 @@ class JobLine(ChannelOwner):
         return any(slot.active for slot in self.table.slots.values())
 
     def carry_out(self, data: bytes, ended: Ended) -> None:
-        """Carries out the command that begins with these bytes; `ended` is told its answer, perhaps at once.
+        """Carry out the command that begins with these bytes; `ended` is called with its answer, perhaps at once.
 
-        Raises CommandFaultError when they are none.
+        Raises CommandFaultError if the bytes are no command.
         """
         self._number += 1
         self._ended[self._number] = ended
@@ -550,19 +553,19 @@ class JobLine(ChannelOwner):
     # ---- channels -----------------------------------------------------------------------------------------
 
     def open_for_jobs(self, channel: Channel) -> None:
-        """Makes and opens a channel. Raises ValueError for a port that cannot be made."""
+        """Make and open a channel. Raises ValueError for a port that cannot be made."""
         self._lines.put(channel.number, self._lines.make(channel, (), str(Path.cwd())))
         self._lines.open(channel.number)
 
     def close_for_jobs(self, number: int) -> None:
-        """Closes it, and forgets it."""
+        """Close and remove a channel."""
         self.channels[number].stop()
         self.jobs.opened(number, False)
         self._lines.stop_devices(number)
         self._lines.remove(number)
 
     def opened(self, channel: int, is_open: bool) -> None:
-        """Whether exchanges can be started on a channel now."""
+        """Pass on whether exchanges can be started on a channel now."""
         if not is_open:
             self._closed(self.channels[channel].state)
         self.jobs.opened(channel, is_open)

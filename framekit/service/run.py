@@ -1,6 +1,6 @@
-"""A run at work: channels, devices, memory and the scheduler on one clock, real or virtual.
+"""A running run: channels, devices, memory and the scheduler on one clock, real or virtual.
 
-Everything happens in callbacks of the clock and of ports. Nothing here prints; what watches gives `monitor`.
+All work is done in callbacks of the clock and of ports. This module prints no output; observers pass `monitor`.
 """
 
 from __future__ import annotations
@@ -59,9 +59,9 @@ LONGEST_SHUTDOWN = 5_000_000_000
 def close_sessions(
     services: Iterable[ChannelService | ClientService], clock: Clock, within: int, end: Callable[[], None]
 ) -> None:
-    """Closes the sessions of channels or clients; `end` is called once, when all are closed or after `within` ns.
+    """Close the sessions of channels or clients; `end` is called once, when all are closed or after `within` ns.
 
-    Where there is no session it is called at once.
+    Without sessions it is called at once.
     """
     with_session = [service for service in services if service.has_session]
     if not with_session:
@@ -76,7 +76,7 @@ def close_sessions(
     limit = clock.call_at(clock.now() + within, over)
 
     def left(number: int) -> None:
-        """Told from inside of an engine, which is to be left before anything ends."""
+        """Count a closed session; called by an engine, so the end is postponed until that call has returned."""
         if number in waiting:
             waiting.remove(number)
             if not waiting:
@@ -88,21 +88,21 @@ def close_sessions(
 
 
 OnEnd = Callable[[BlockState, bool], None]
-"""Told of every completion: the block, as it is then, and whether it ended well."""
+"""Callback for every completion: the state of the block, and whether it succeeded."""
 
 
 T = TypeVar("T")
 
 
 def _there(what: str, number: int, known: Mapping[int, T]) -> T:
-    """One of those there are. Raises ValueError."""
+    """Return an existing item by its number. Raises ValueError."""
     if number not in known:
         raise ValueError(f"there is no {what} {number} – known: {', '.join(map(str, sorted(known)))}")
     return known[number]
 
 
 def protocol_of(run: RunModel, block: Block) -> Protocol | None:
-    """What is spoken on the channel of a block; None for one that has none."""
+    """Return the protocol on the channel of a block; None for a block without a channel."""
     return None if block.job is not None else run.channels[block.channel].protocol
 
 
@@ -188,7 +188,7 @@ class RunService(ChannelOwner):
         self.running = False
 
     def _keeper(self) -> StateKeeper | None:
-        """What was kept is put back; words of blocks come from the run and its counters."""
+        """Restore the kept state and return its keeper; words of blocks come from the run and its counters."""
         state = self.run.state
         if state is None:
             return None
@@ -224,7 +224,7 @@ class RunService(ChannelOwner):
         address = self.grammar.parse(text)
         return address.area, address.first_bit
 
-    # ---- what the scheduler says --------------------------------------------------------------------------
+    # ---- reports of the scheduler -------------------------------------------------------------------------
 
     def finished(self, number: int, failure: Failure | None) -> None:
         """Count the end of the command of a block."""
@@ -235,14 +235,14 @@ class RunService(ChannelOwner):
         self.scheduler.over(state, failure, self.clock.now())
 
     def _look(self) -> None:
-        """An exchange has ended, and made nothing due; what waits for that may go on."""
+        """Continue work that waits for the end of an exchange, after an exchange that made no block due."""
         if self.jobs is not None or self.editor.waiting is not None:
             self.loop.wake()
         else:
             self.loop.look()
 
     def _died(self, channel: int, station: Hashable, dead: bool) -> None:
-        """A station is given up for now, or back."""
+        """Note that a station is given up for now, or is back."""
         log.log(
             logging.WARNING if dead else logging.INFO,
             "channel %d: station %s %s", channel, station, "does not answer, it is asked rarely" if dead else "is back",
@@ -272,10 +272,10 @@ class RunService(ChannelOwner):
         if self.on_end is not None:
             undisturbed(self.on_end, state, ok)
 
-    # ---- what channels say --------------------------------------------------------------------------------
+    # ---- reports of the channels --------------------------------------------------------------------------
 
     def opened(self, channel: int, is_open: bool) -> None:
-        """Whether exchanges can be started on a channel now."""
+        """Note whether exchanges can be started on a channel now."""
         now = self.clock.now()
         self.scheduler.set_open(channel, is_open, now)
         if is_open:
@@ -302,13 +302,13 @@ class RunService(ChannelOwner):
             return None
 
     def arrived(self, block: int, failure: Failure | None) -> None:
-        """The frame of a RECEIVE block came."""
+        """Handle the arrival of the frame of a RECEIVE block."""
         self.scheduler.arrived(block, failure, self.clock.now())
 
     # ---- life ---------------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Opens the ports and arms the triggers."""
+        """Open the ports and arm the triggers."""
         self.running = self.points.at_work = True
         self._never_open = dict.fromkeys(self.channels, "")
         self.points.table.forget_changes()
@@ -328,7 +328,7 @@ class RunService(ChannelOwner):
         self.loop.set()
 
     def stop(self) -> None:
-        """No block starts any more; ports are closed, and the state is kept."""
+        """Stop: no further block starts, ports are closed, and the state is kept."""
         self.running = False
         self.scheduler.end()
         self._stop_jobs()
@@ -344,9 +344,9 @@ class RunService(ChannelOwner):
             self.keeper.stop()
 
     def finish(self, done: Callable[[], None], within: int = LONGEST_SHUTDOWN) -> None:
-        """Ends in good order: no block starts any more, open sessions are closed, then `stop`, then `done`.
+        """End in good order: no further block starts, open sessions are closed, then `stop`, then `done`.
 
-        After `within` ns it stops whatever is left.
+        After `within` ns it stops the remaining work.
         """
         self.scheduler.end()
         self._stop_jobs()
@@ -363,7 +363,7 @@ class RunService(ChannelOwner):
             self.jobs.stop()
 
     def close_channel(self, number: int) -> None:
-        """Closes the port of a channel, and those of the simulated devices on its line."""
+        """Close the port of a channel, and those of the simulated devices on its line."""
         self.scheduler.set_open(number, False)
         self.channels[number].stop()
         if self.jobs is not None and self.running:
@@ -371,7 +371,7 @@ class RunService(ChannelOwner):
         self.lines.stop_devices(number)
 
     def open_for_jobs(self, channel: Channel) -> None:
-        """A channel that jobs want and the run does not have. Raises ValueError for a port that cannot be made."""
+        """Open a channel that jobs request and the run lacks. Raises ValueError for a port that cannot be made."""
         number = channel.number
         self.lines.put(number, self.lines.make(channel, (), self.run.folder))
         self.scheduler.add_channel(number, rules_of(channel))
@@ -379,7 +379,7 @@ class RunService(ChannelOwner):
         self.lines.open(number)
 
     def close_for_jobs(self, number: int) -> None:
-        """Closes such a channel, and forgets it."""
+        """Close and remove such a channel."""
         self.close_channel(number)
         self.scheduler.remove_channel(number)
         self.lines.remove(number)
@@ -387,15 +387,17 @@ class RunService(ChannelOwner):
     # ---- change -------------------------------------------------------------------------------------------
 
     def edit(self, run: RunModel, applied: Applied = lambda edit: None) -> None:
-        """Applies an edited run once no exchange runs on the channels it touches; `applied` is called then.
+        """Apply an edited run once no exchange runs on the affected channels; then call `applied`.
 
-        Raises DefinitionError with the reasons when it cannot be, ValueError for a port of no known kind: then nothing
-        changes.
+        Raises DefinitionError with the reasons if it cannot be applied, ValueError for a port of no known kind; in both
+        cases the run is not changed.
         """
         self.editor.request(run, applied)
 
     def look_again(self) -> None:
-        """The blocks are others: frames go to those that receive now, clocks tick for those that look at them."""
+        """Adapt to changed blocks: frames go to the blocks that receive now, clocks run for the blocks that read
+        them.
+        """
         self.lines.receive_for(self.run, keep=() if self.jobs is None else self.jobs.hosts.opened)
         self.refresh()
         awaited = self._awaited()
@@ -410,23 +412,26 @@ class RunService(ChannelOwner):
         self.loop.set()
 
     def check_fired(self, number: int) -> None:
-        """Raises ValueError for a block there is not, or that nothing can make due."""
+        """Raise ValueError for an unknown block, or a block that cannot be made due."""
         if _there("block", number, self.states).block.instruction == "receive":
             raise ValueError(f"block {number} receives: nothing but its frame makes it due")
 
     def enable_set(self, number: int, on: bool = True) -> None:
-        """Switches a set on – its time triggers count from now – or off. Raises ValueError for one there is not."""
+        """Switch a set on – its time triggers count from now – or off. Raises ValueError for an unknown set."""
         _there("set", number, self.run.sets)
         self.scheduler.enable_set(number, on, self.clock.now())
         self.set_switched(number)
 
     def enable_channel(self, number: int, on: bool = True) -> None:
-        """Opens the port of a channel, or closes it: what runs there fails, what is due waits. Raises ValueError."""
+        """Open the port of a channel, or close it: running exchanges fail, due blocks wait. Raises ValueError."""
         channel = _there("channel", number, self.channels)
         channel.start() if on else channel.switch_off()
 
     def reset(self) -> None:
-        """As after the start: counters at zero, triggers afresh, the first scan again. Memory stays as it is."""
+        """Reset to the state after the start: counters at zero, triggers afresh, the first scan again.
+
+        Memory stays unchanged.
+        """
         now = self.clock.now()
         self.points.give_up("the run was reset")
         self.system.start(now)
@@ -441,7 +446,7 @@ class RunService(ChannelOwner):
         self.loop.set()
 
     def enable(self, number: int, on: bool = True) -> None:
-        """Switches a block on or off; what runs ends as it does. Raises ValueError for a number there is not."""
+        """Switch a block on or off; a running exchange ends normally. Raises ValueError for an unknown number."""
         state = _there("block", number, self.states)
         self.scheduler.enable(number, on, self.clock.now())
         self.block_memory.changed(state)
@@ -452,7 +457,7 @@ class RunService(ChannelOwner):
             self.block_memory.changed(state)
 
     def set_switched(self, number: int) -> None:
-        """A parameter set is on or off: the words of its blocks show it."""
+        """Show in the words of its blocks that a parameter set was switched on or off."""
         for state in self.states.values():
             if state.block.set == number:
                 self.block_memory.changed(state)
@@ -474,7 +479,7 @@ class RunService(ChannelOwner):
 
     @property
     def never_open(self) -> list[str]:
-        """Channels whose ports could not be opened at any time, each with why it was closed last."""
+        """Return the channels whose ports could never be opened, each with the latest reason."""
         return [
             f"channel {number} was never open: {why}"
             for number, why in self._never_open.items()
@@ -482,13 +487,13 @@ class RunService(ChannelOwner):
         ]
 
     def status(self) -> list[BlockStatus]:
-        """How every block is doing now."""
+        """Return the state of every block."""
         return [status_of(state) for state in self.states.values()]
 
     # ---- time ---------------------------------------------------------------------------------------------
 
     def refresh(self) -> None:
-        """The bits that the memory sets by itself, as they are now; they do not move before the start."""
+        """Bring the bits that the memory sets by itself up to date; they do not move before the start."""
         if self.running:
             self.system.update(self.clock.now())
 
@@ -548,10 +553,10 @@ class RunEditor:
         self.waiting: _Prepared | None = None
 
     def request(self, run: RunModel, applied: Applied) -> None:
-        """Apply an edited run as soon as it can be; `applied` is called then. One that still waits is forgotten.
+        """Apply an edited run as soon as possible; `applied` is called then. A waiting edit is replaced.
 
         Raises DefinitionError with the reasons when it cannot be applied, ValueError for a port of no known kind; the
-        run goes on as it was then.
+        run then continues unchanged.
         """
         service = self.service
         edit = plan_edit(service.run, run)
@@ -563,7 +568,7 @@ class RunEditor:
         self.step()
 
     def step(self) -> None:
-        """Applies what waits, if its moment has come."""
+        """Apply the waiting edit if its moment has come."""
         prepared, service = self.waiting, self.service
         if prepared is None or not service.running or not service.scheduler.idle(prepared.edit.touched):
             return
@@ -611,7 +616,7 @@ class RunEditor:
 
 
 def run_status(service: RunService) -> RunStatus:
-    """How a run and its channels and blocks are doing now."""
+    """Return the state of a run and its channels and blocks."""
     now = service.clock.now()
     return RunStatus(
         run=service.run.name,
@@ -688,6 +693,6 @@ def _channel_status(service: RunService, at_work: ChannelService, now: int) -> C
 
 
 def line_type(wiring: LineSettings) -> str:
-    """What is said of the wiring, in words; '' for a plain port."""
+    """Return the description of the wiring; '' for a plain port."""
     kind = {"rs232": "RS-232", "rs422": "RS-422", "rs485": "RS-485"}.get(wiring.type or "", "")
     return f"{kind} half duplex".lstrip() if wiring.half_duplex else kind

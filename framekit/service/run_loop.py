@@ -67,7 +67,7 @@ class RunLoop:
 
     def _beat(self) -> None:
         """Act; a call after an event that has acted already finds no block due."""
-        self._woken = True  # the timer is set at the end, so it covers what comes due meanwhile
+        self._woken = True  # the timer is set at the end, so that it includes blocks that come due meanwhile
         try:
             if self._running:
                 self._act(self._now())

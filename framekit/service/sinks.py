@@ -42,7 +42,7 @@ MOST_COMMANDS = 1_000
 
 LONGEST_WAIT = 30.0
 AT_END = 5.0
-"""Seconds: between two tries of a sink that fails, and for what waits when the run ends."""
+"""Seconds between two tries of a failing sink, and for the waiting samples when the run ends."""
 
 
 LEAST_JUMP = 1_000_000_000
@@ -108,7 +108,7 @@ class SinkHost:
         def tell(why: str) -> None:
             try:
                 answer(why)
-            except Exception as error:  # a sink may raise anything; what was done stays so
+            except Exception as error:  # a sink may raise any error; the write itself stays valid
                 log.warning("point %s: the answer to %s is lost: %s", point, who, _in_words(error))
 
         def refuse(why: str) -> None:
@@ -127,7 +127,7 @@ class SinkHost:
             try:
                 assert self._points is not None
                 self._points.write(point, value, who, written)
-            except Exception as error:  # what comes from outside may be anything
+            except Exception as error:  # values from outside may be of any kind
                 self._under_way -= 1
                 refuse(_in_words(error))
 
@@ -184,7 +184,7 @@ class SinkFeeder:
 
     @property
     def status(self) -> SinkStatus:
-        """How the sink is doing now."""
+        """Return the state of the sink."""
         store_problem = "" if self.store_trouble is None else self.store_trouble.reason
         count = self._count()
         return SinkStatus(
@@ -237,13 +237,13 @@ class SinkFeeder:
             self._feed()
 
     def lost(self, problem: str) -> None:
-        """The sink has lost its server."""
+        """Note that the sink has lost its server."""
         with self._change:
             self._lost_server = problem
             self._change.notify_all()
 
     def end(self) -> None:
-        """No more samples come."""
+        """End the input: no more samples follow."""
         self._waiting.end()
 
     def stop(self, until: float | None = None) -> None:
@@ -335,12 +335,12 @@ class SinkFeeder:
         return sample._replace(values=tuple(one for one in sample.values if one.name in self.names))
 
     def _store_state(self, problem: str) -> None:
-        """The store fails for this reason, or works again."""
+        """Note that the store fails for this reason, or works again."""
         if self.store_trouble is not None:
             self.store_trouble.begins(problem) if problem else self.store_trouble.ends()
 
     def _overflows(self) -> None:
-        """Too many samples wait."""
+        """Note that too many samples wait."""
         self.trouble.loses(f"{self._most:,} samples wait, from now on the oldest are dropped")
 
     def _close(self) -> None:
@@ -450,12 +450,12 @@ class SinkService:
 
     @property
     def status(self) -> list[SinkStatus]:
-        """How each sink is doing now."""
+        """Return the state of each sink."""
         return [feeder.status for feeder in self.feeders]
 
 
 def _not_opened(kind: SinkKind, why: str) -> Problem:
-    """The problem of a sink whose file or store cannot be opened and written, at its place in the run file."""
+    """Return the problem of a sink whose file or store cannot be opened and written, at its place in the run file."""
     reason, _, todo = why.partition(" – ")
     file = kind.store if isinstance(kind, NetworkSink) else kind.target
     what = reason if file in reason else f"{file} cannot be opened and written: {reason}"

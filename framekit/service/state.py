@@ -46,7 +46,7 @@ COMMIT;
 
 
 class StateError(ValueError):
-    """A state file that cannot be used or written; the text says why and what to do."""
+    """Raised for a state file that cannot be used or written; the text has the reason and the remedy."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +80,8 @@ class KeptRun:
 class StateFile:
     """The state of the run `run`, whose kept areas have this `shape`.
 
-    Opening creates the file if it is missing, locks it and reads it: `kept` has all its blocks, and those of its areas
-    that `shape` names. Every method raises StateError.
+    Opening creates the file if it is missing, locks it and reads it: `kept` has all its blocks, and the areas that
+    `shape` names. Every method raises StateError.
     """
 
     def __init__(self, path: Path, run: str, shape: Shape) -> None:
@@ -373,7 +373,7 @@ def kept_of(state: BlockState, content: str) -> KeptBlock:
 
 
 def put_back(state: BlockState, kept: KeptBlock) -> None:
-    """Gives a block its counters and its last failure back."""
+    """Restore the counters and the last failure of a block."""
     interrupted = kept.started - kept.done - kept.failed
     state.started, state.done, state.overruns = kept.started, kept.done, kept.overruns
     state.failed = kept.failed + interrupted

@@ -176,7 +176,7 @@ class Waiting:
             self._store_fails(error)
 
     def not_taken(self) -> None:
-        """The samples that `first` returned come again."""
+        """Return the samples of the last `first` call to the queue."""
         with self._change:
             self._in_flight = False
             self._change.notify_all()
@@ -189,7 +189,7 @@ class Waiting:
         return self._is_direct and bool(len(self._memory))
 
     def end(self) -> None:
-        """No more samples come."""
+        """End the input: no more samples follow."""
         with self._change:
             self._ending = True
             self._change.notify_all()

@@ -1,6 +1,6 @@
-"""Who wrote what into a memory that others reach: a line of the log `framekit.written` for every write.
+"""The log `framekit.written`: the sender of every write into a memory that others reach, one line for every write.
 
-Nothing is done for it where that log is off when a device or a run begins.
+It costs no work if that log is off when a device or a run begins.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from framekit.transport.port import AcceptedPort, Port
 log = logging.getLogger("framekit.written")
 
 MOST_VALUES = 16
-"""So many values of one write are shown; then how many more there were."""
+"""Largest number of values of a write that are shown; the rest is counted."""
 
 
 MOST_OF_A_VALUE = 100
-"""So many characters of a variable's value are shown."""
+"""Largest number of characters of a variable's value that are shown."""
 
 MOST_OF_A_NAME = 64
-"""So many characters of the name in a certificate are shown."""
+"""Largest number of characters of the name in a certificate that are shown."""
 
 
 class WriteLog:
-    """Tells the log of writes into what is called `name`. `client`: who asks now."""
+    """Log of the writes to the object `name`. `client`: the present client."""
 
     def __init__(self, name: str, protocol: Protocol) -> None:
         self.name = name
@@ -39,15 +39,15 @@ class WriteLog:
         self._grammar = AddressGrammar(protocol.addresses, protocol.areas, protocol.tables)
 
     def note(self, unit: AreaUnit, start: int, count: int, before: bytes, after: bytes) -> None:
-        """Elements of an area have been written."""
+        """Log the write of elements of an area."""
         self._tell(self._place(unit, start), _shown(unit, before, count), _shown(unit, after, count))
 
     def note_bytes(self, address: str, before: bytes, after: bytes) -> None:
-        """Bytes have been stored by a sequence."""
+        """Log bytes stored by a sequence."""
         self._tell(address, before.hex(" ").upper(), after.hex(" ").upper())
 
     def note_kept(self, name: str, before: Any, after: Any) -> None:
-        """A variable of the device has another value; None is one that is not there."""
+        """Log a new value of a variable of the device; None is a missing value."""
         self._tell(name, _value(before), _value(after))
 
     def _tell(self, place: str, before: str, after: str) -> None:
@@ -88,12 +88,12 @@ def _value(value: Any) -> str:
 
 
 def begun_log(name: str, protocol: Protocol) -> WriteLog | None:
-    """What tells the log; None where that is off."""
+    """Return the log; None if it is off."""
     return WriteLog(name, protocol) if log.isEnabledFor(logging.INFO) else None
 
 
 def client_of(port: Port) -> str:
-    """Who is on the other side of a port now, as the log names it; the name in a certificate stands in quotes.
+    """Return the other side of a port for the log; the name in a certificate is quoted.
 
     So no name can look like words of the log.
     """
@@ -103,7 +103,7 @@ def client_of(port: Port) -> str:
 
 
 class NamedServer:
-    """A server as one client has it: what the client writes is told with its name."""
+    """A server as used by one client: its writes are logged with the client's name."""
 
     def __init__(self, server: RequestHandler, writes: WriteLog, who: Callable[[], str]) -> None:
         self._server, self._writes, self._who = server, writes, who
@@ -117,7 +117,7 @@ class NamedServer:
 
 
 class NamedMemory:
-    """The memory as sequences have it that one client begins: what they store is told with its name."""
+    """The memory as used by sequences that one client begins: stored bytes are logged with the client's name."""
 
     def __init__(self, memory: MemoryAccess, writes: WriteLog, who: Callable[[], str]) -> None:
         self._memory, self._writes, self._who = memory, writes, who
