@@ -1,6 +1,7 @@
-"""A trivial device in a process of its own: it answers every read of 10 registers, and looks at nothing else.
+"""A trivial device in a process of its own: it answers every read of registers and looks at no other part of a request.
 
-One process serves any number of connections, so that what is measured in the other process is that alone.
+One process serves any number of connections, so the other process measures its own work alone. The kind `counting`
+sends as many registers as the request asks for, with other values in each reply; otherwise a reply has ten registers.
 """
 
 from __future__ import annotations
@@ -31,16 +32,35 @@ class Responder(asyncio.Protocol):
             self.transport.write(request[:2] + b"\0\0\0\x17" + request[6:8] + b"\x14" + REGISTERS)
 
 
-async def serve() -> None:
-    server = await asyncio.get_running_loop().create_server(Responder, "127.0.0.1", 0)
+class CountingResponder(Responder):
+    """As many registers as the request asks for; the first is the number of the reply, each other one more."""
+
+    replies = 0
+
+    def data_received(self, data: bytes) -> None:
+        for start in range(0, len(data), REQUEST_SIZE):
+            request = data[start : start + REQUEST_SIZE]
+            count = request[11]
+            self.replies += 1
+            values = struct.pack(f">{count}H", *(self.replies + place & 0xFFFF for place in range(count)))
+            self.transport.write(
+                request[:4] + struct.pack(">H", 3 + 2 * count) + request[6:8] + bytes((2 * count,)) + values
+            )
+
+
+KINDS = {"constant": Responder, "counting": CountingResponder}
+
+
+async def serve(kind: str) -> None:
+    server = await asyncio.get_running_loop().create_server(KINDS[kind], "127.0.0.1", 0)
     print(server.sockets[0].getsockname()[1], flush=True)
     await asyncio.to_thread(sys.stdin.read)
 
 
 @contextlib.contextmanager
-def responder() -> Iterator[int]:
+def responder(kind: str = "constant") -> Iterator[int]:
     """The TCP port of a responder that lives as long as the `with` does."""
-    command = [sys.executable, "-m", "benchmarks.responder"]
+    command = [sys.executable, "-m", "benchmarks.responder", kind]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None and process.stdin is not None
         try:
@@ -50,4 +70,4 @@ def responder() -> Iterator[int]:
 
 
 if __name__ == "__main__":
-    asyncio.run(serve())
+    asyncio.run(serve(sys.argv[1]))

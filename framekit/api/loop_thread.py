@@ -13,6 +13,8 @@ from collections.abc import Callable, Coroutine
 from concurrent.futures import CancelledError, Future
 from typing import Any, ParamSpec, Self, TypeVar
 
+from framekit.api.event_loop import new_event_loop
+
 T = TypeVar("T")
 Made = TypeVar("Made")
 P = ParamSpec("P")
@@ -23,10 +25,10 @@ class LoopStoppedError(RuntimeError):
 
 
 class LoopThread:
-    """Its loop runs from the making until `stop`. Any number of threads may use it."""
+    """A thread whose loop runs from its creation until `stop`. Any number of threads may use it."""
 
     def __init__(self, name: str) -> None:
-        self.loop = asyncio.new_event_loop()
+        self.loop = new_event_loop()
         self._lock = threading.Lock()
         self._stopping = False
         self._thread = threading.Thread(target=self._run, daemon=True, name=name)
@@ -51,16 +53,16 @@ class LoopThread:
         return threading.current_thread() is self._thread
 
     def _schedule(self, action: Callable[[], object]) -> None:
-        """What is scheduled before `stop` still comes; nothing is scheduled behind it."""
+        """Schedule a call in the loop's thread. Raise LoopStoppedError after `stop`."""
         with self._lock:
             if self._stopping:
                 raise LoopStoppedError("it was closed")
             self.loop.call_soon_threadsafe(action)
 
     def wait(self, coroutine: Coroutine[Any, Any, T]) -> T:
-        """The result of a coroutine; Ctrl-C cancels it. Raises what it raises, LoopStoppedError.
+        """Return the result of a coroutine; Ctrl-C cancels it. Raise its errors, LoopStoppedError.
 
-        In the loop's own thread it raises RuntimeError.
+        Raise RuntimeError in the loop's own thread.
         """
         done: Future[T] = Future()
         tasks: list[asyncio.Task[T]] = []
@@ -85,7 +87,7 @@ class LoopThread:
             raise
 
     def do(self, action: Callable[..., T], *arguments: Any) -> T:
-        """The result of a function, called in the loop's thread. Raises what it raises, LoopStoppedError."""
+        """Return the result of a function, called in the loop's thread. Raise its errors, LoopStoppedError."""
         if self.is_here:
             return action(*arguments)
 
@@ -95,7 +97,7 @@ class LoopThread:
         return self.wait(act())
 
     def do_even_stopped(self, action: Callable[[], T]) -> T:
-        """As `do`; after the end in the caller's thread, when no other thread can be at it any more."""
+        """Do as `do`; after the end call the function in the caller's thread, once the loop's thread has ended."""
         try:
             return self.do(action)
         except LoopStoppedError:
@@ -103,7 +105,7 @@ class LoopThread:
             return action()
 
     def end_with(self, close_now: Callable[[], None], close: Callable[[], Coroutine[Any, Any, None]]) -> None:
-        """Closes what the loop works for, and ends the thread; from inside of the loop without waiting."""
+        """Close the user of the loop, then end the thread; inside the loop's thread do not wait for either."""
         try:
             if self.is_here:
                 close_now()
@@ -114,7 +116,7 @@ class LoopThread:
         self.stop()
 
     def stop(self) -> None:
-        """Cancels what is under way and ends the thread. Stopping twice does nothing."""
+        """Cancel the tasks of the loop and end the thread. A second call has no effect."""
         with self._lock:
             if not self._stopping:
                 self._stopping = True
@@ -138,7 +140,7 @@ class Stopping:
     """Something that `with` starts and stops."""
 
     def start(self) -> None:
-        """Begins."""
+        """Start the work."""
         raise NotImplementedError
 
     def stop(self) -> None:
@@ -157,7 +159,7 @@ class Closing:
     """Something that `with` closes."""
 
     def close(self) -> None:
-        """Ends it. Twice does nothing."""
+        """Close the object. A second call has no effect."""
         raise NotImplementedError
 
     def __enter__(self) -> Self:
@@ -168,7 +170,7 @@ class Closing:
 
 
 def with_arguments_of(make: Callable[P, Made]) -> Callable[[Callable[[Made], T]], Callable[P, T]]:
-    """The function takes the arguments of `make`, and is given what that makes of them."""
+    """Return a decorator: the function gets the object that `make` makes, its callers give the arguments of `make`."""
 
     def decorate(use: Callable[[Made], T]) -> Callable[P, T]:
         @functools.wraps(use)
