@@ -40,7 +40,7 @@ class VerbError(Exception):
     status = 1
     """The exit status."""
     kind = "failed"
-    """What `--json` calls it."""
+    """Kind of the error in the output of `--json`."""
 
 
 class WordsError(VerbError):
@@ -478,7 +478,7 @@ ARROWS = {"in": "←", "out": "→", "": " "}
 
 @cache
 def _rows() -> Any:
-    """What shows rows, imported when something is shown."""
+    """Return the module that formats rows, imported on first use."""
     from framekit.api import rows
 
     return rows
@@ -532,7 +532,7 @@ def seen_data(seen: Seen, seconds: float, plain: PlainValues, **more: Any) -> di
     return {key: value for key, value in line.items() if value not in ("", {})}
 
 
-# ---- what only terminals get: colours, and a line that tells how far long work has come -----------------------
+# ---- output for terminals only: colours, and a line with the progress of long work ----------------------------
 
 
 Colour = Literal["red", "green", "yellow"]

@@ -44,7 +44,7 @@ REFUSED, NO_ANSWER = 1, 3
 """Exit statuses: refused by the port or the device, no good answer came."""
 
 JUDGED = ("refused", "no_such_place", "no_own_place", "cannot_send", "cannot_store", "not_allowed")
-"""Outcomes of commands that were answered, or that nothing was sent for."""
+"""Outcomes of commands that were answered, or for which no request was sent."""
 
 
 def add_commreq_arguments(parser: argparse.ArgumentParser) -> None:
@@ -78,7 +78,7 @@ def run_commreq(arguments: argparse.Namespace) -> int:
 
 
 def _carry_out(application: Protocol, protocol: Protocol, records: list[bytes], arguments: argparse.Namespace) -> int:
-    """Carries the commands out until one fails; the exit status."""
+    """Carry out the commands until one fails; return the exit status."""
     from framekit.api.commands import has_jobs
 
     if has_jobs(application):
@@ -103,7 +103,7 @@ def _carry_out(application: Protocol, protocol: Protocol, records: list[bytes], 
 
 
 def explain(blocks: CommandBlocks, protocol: Protocol, data: bytes, arguments: argparse.Namespace) -> int:
-    """Says what a command block means; the exit status."""
+    """Print the meaning of a command block; return the exit status."""
     from framekit.api.commands import CommandFaultError, meaning_in
 
     try:
@@ -145,7 +145,7 @@ def _lines(meaning: Meaning) -> list[str]:
 
 
 def commands_in(words: list[str]) -> list[list[str]]:
-    """Return the words of each command, with those of files in place of @FILE; + stands between two.
+    """Return the words of each command, with the words of a file in place of @FILE; + separates commands.
 
     Raises VerbError.
     """
@@ -181,13 +181,13 @@ def _record(blocks: CommandBlocks, given: list[str]) -> bytes:
 
 
 def fault(arguments: argparse.Namespace, why: object) -> int:
-    """Tells that words are no command; the exit status."""
+    """Report that words are no command; return the exit status."""
     tell_error(arguments, WordsError.kind, f"this is no command block: {why}")
     return NO_COMMAND
 
 
 class CommandOutput:
-    """What commands do to an own memory, printed. The memory begins with zeros and what --set puts there."""
+    """Output of the effects of commands on an own memory, which begins with zeros and the values of --set."""
 
     def __init__(self, blocks: CommandBlocks, protocol: Protocol, arguments: argparse.Namespace) -> None:
         from framekit.api.commands import CommandMemory
@@ -204,7 +204,7 @@ class CommandOutput:
                 raise WordsError(f"--set {text}: {error}") from None
 
     def show(self, meaning: Meaning, place: Span, end: CommandEnd, before: dict[str, bytes]) -> None:
-        """How a command ended, with what it changed."""
+        """Print the end of a command and the changed memory."""
         changes = self.changes(before, place)
         if self.arguments.json:
             print_json(_as_json(meaning, end, changes))
@@ -218,7 +218,7 @@ class CommandOutput:
         print(f"status   {meaning.status} = {code_text(end.status)} {end.meaning}".rstrip() + failed)
 
     def show_changes(self, changes: dict[str, list[int]]) -> None:
-        """What is otherwise in the memory."""
+        """Print the changes elsewhere in the memory."""
         for address, values in changes.items():
             print(f"{address:<8} {' '.join(map(str, values))}", flush=True)
 
@@ -232,7 +232,7 @@ class CommandRun:
         self.output = CommandOutput(blocks, client.protocol, arguments)
 
     def carry_out(self, data: bytes) -> int:
-        """Carries a command out and prints what came of it; the exit status."""
+        """Carry out a command and print its result; return the exit status."""
         from framekit.api.commands import CommandFaultError
 
         try:
@@ -248,7 +248,7 @@ class CommandRun:
 
 
 def exit_status(outcome: str) -> int:
-    """That of a command that did not end well."""
+    """Return the exit status of a command that failed."""
     return REFUSED if outcome in JUDGED else NO_ANSWER
 
 
@@ -266,7 +266,7 @@ LATE = "late"
 def carry_out_jobs(
     application: Protocol, protocol: Protocol, records: list[bytes], arguments: argparse.Namespace
 ) -> int:
-    """Carries commands to jobs out; the exit status. Raises VerbError, DefinitionError."""
+    """Carry out commands for jobs; return the exit status. Raises VerbError, DefinitionError."""
     from framekit.api.commands import profile_of
     from framekit.api.errors import FramekitError
     from framekit.cli.device_verbs import failed, settings_of
@@ -339,7 +339,9 @@ class JobCommands:
             line.stop()
 
     def _closed(self, reason: str) -> None:
-        """Tells why a connection is closed, or could not be made; once, however often it is tried again."""
+        """Print the reason why a connection is closed, or could not be opened; once, however often it is tried
+        again.
+        """
         if reason not in self.told:
             self.told.add(reason)
             print(f"framekit {self.arguments.verb}: {reason}", file=sys.stderr, flush=True)
@@ -349,7 +351,7 @@ class JobCommands:
         self.changed.set()
 
     async def _until(self, holds: Callable[[], bool]) -> None:
-        """Waits until something holds, or all is stopped."""
+        """Wait until a condition holds, or all is stopped."""
         while not self.stopped and not holds():
             self.changed.clear()
             await self.changed.wait()
@@ -357,13 +359,13 @@ class JobCommands:
     # ---- commands -----------------------------------------------------------------------------------------
 
     async def _command(self, line: JobLine, output: CommandOutput, data: bytes) -> int:
-        """Gives one command, and shows it when it has its status word; the exit status."""
+        """Give a command, and print it when it has its status word; return the exit status."""
         from framekit.api.commands import CommandFaultError
 
         ended: list[Failure | None] = []
 
         def answered(failure: Failure | None) -> None:
-            """The first transfer, if there was one, belongs to the answer: it is told in this very moment."""
+            """Note the answer; a first transfer that ends at the same moment belongs to it."""
             self.answered = True
             asyncio.get_running_loop().call_soon(shown, failure)
 
@@ -388,7 +390,7 @@ class JobCommands:
         return status
 
     def _end(self, failure: Failure | None) -> tuple[CommandEnd, int]:
-        """How a command ended, and the exit status; one that is only late has not failed yet."""
+        """Return the end of a command and the exit status; a command that is only late has not failed yet."""
         from framekit import Failure
         from framekit.api.commands import CommandEnd
 
@@ -406,7 +408,7 @@ class JobCommands:
     # ---- transfers ----------------------------------------------------------------------------------------
 
     def _transferred(self, status: JobStatus, failure: Failure | None) -> None:
-        """A transfer has ended, or is late, or the job is over."""
+        """Print the end of a transfer, a late transfer, or the end of the job."""
         self.changed.set()
         if self.answered:
             self.answered, self.cause = False, failure
@@ -429,7 +431,9 @@ class JobCommands:
         self.output.show_changes(changes)
 
     def _exit_status(self, line: JobLine) -> int:
-        """The exit status when all jobs are over: one that an error ended, or that moved nothing, is no success."""
+        """Return the exit status when all jobs are over: a job that an error ended, or that transferred no data, is a
+        failure.
+        """
         jobs = [slot.counters for slot in line.table.slots.values() if slot.counters.established]
         bad = any(one.ended or not one.good for one in jobs)
         return NO_ANSWER if bad and not self.stopped else 0

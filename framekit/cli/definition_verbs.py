@@ -109,7 +109,7 @@ def fields_given(texts: Iterable[str]) -> dict[str, Any]:
 
 
 def steps_of(path: str) -> Steps:
-    """`a.b[0].c` in its steps. Raises WordsError."""
+    """Parse `a.b[0].c` into its steps. Raises WordsError."""
     steps: list[str | int] = []
     for part in path.split("."):
         found = _STEP.fullmatch(part)
@@ -157,8 +157,9 @@ def run_frames(arguments: argparse.Namespace) -> int:
 
 
 def _protocols(as_json: bool) -> int:
-    """Return the definitions that can be named, by family, a line each; one that extends another is of the same
-    family.
+    """Print the definitions that can be named, by family, a line each; return the exit status.
+
+    A definition that extends another is of the same family.
     """
     from framekit.definition.nodes import head_of
     from framekit.definition.sources import known_definitions
@@ -197,7 +198,7 @@ def _as_json(frame: Frame, fields: list[tuple[str, str]]) -> dict[str, Any]:
 
 
 def fields_of(segments: tuple[Segment, ...], indent: str = "") -> list[tuple[str, str]]:
-    """Name and form of every field, those of records and repeats indented below them."""
+    """Return name and form of every field, those of records and repeats indented below them."""
     from framekit.definition.model.frames import flat
     from framekit.definition.model.segments import Bits
 
@@ -369,7 +370,7 @@ def _generate_document(arguments: argparse.Namespace) -> int:
 
 
 def _place(problem: Problem) -> str:
-    """Where a problem is, seen from the current folder."""
+    """Return the place of a problem, relative to the current folder."""
     return f"{near(problem.at.file)}:{problem.at.line}:{problem.at.column}"
 
 
@@ -455,7 +456,7 @@ def run_check(arguments: argparse.Namespace) -> int:
 
 
 def _show_loads(checked: Checked, in_full: bool) -> None:
-    """A line for each channel with cycles; in full, every channel with a table of its blocks."""
+    """Print a line for each channel with cycles; in full, every channel with a table of its blocks."""
     from framekit.cli.run_output import load_line, load_table
 
     for one in checked.loads:

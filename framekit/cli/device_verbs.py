@@ -35,11 +35,11 @@ if TYPE_CHECKING:
 
 
 TIMEOUT, RETRIES = "reply_timeout", "retries"
-"""The parameters that --timeout and --retries stand for."""
+"""Parameters set by --timeout and --retries."""
 
 
 def add_line(parser: argparse.ArgumentParser, *, port_required: bool = True) -> None:
-    """PROTOCOL and the options that name a line and a device on it."""
+    """Add PROTOCOL and the options that name a line and a device on it."""
     add(parser, "protocol")
     parser.add_argument("--port", required=port_required, help=help_on_ports("sim:FILE"))
     parser.add_argument("--station", metavar="N", help="the device's station")
@@ -54,7 +54,7 @@ def add_line(parser: argparse.ArgumentParser, *, port_required: bool = True) -> 
 
 
 def add_type(parser: argparse.ArgumentParser) -> None:
-    """--type and --order."""
+    """Add --type and --order."""
     from framekit.api.values import ORDERS, VIEWS
 
     parser.add_argument(
@@ -71,9 +71,10 @@ def carry_out(
     arguments: argparse.Namespace, action: Callable[[Client], None], *, to_station: bool = True,
     check: Callable[[AddressGrammar], object] | None = None,
 ) -> int:  # fmt: skip
-    """Connects and acts; the exit status. `to_station`: nothing can be done without knowing which.
+    """Connect and run an action; return the exit status. `to_station`: the action requires a station.
 
-    `check` raises RequestError for what cannot be asked on any line: where there is no line, that is what is told.
+    `check` raises RequestError for a request that is impossible on any line: if the line cannot be opened, that error
+    is reported.
     """
     from framekit.api.client import AsyncClient, Client
     from framekit.api.errors import FramekitError, LineClosedError, RequestError
@@ -114,7 +115,7 @@ def settings_of(arguments: argparse.Namespace, protocol: Protocol | None = None)
 
 
 def failed(arguments: argparse.Namespace, error: FramekitError, settings: ClientSettings | None = None) -> int:
-    """Prints what went wrong, and on `settings` what to look at where nothing came; the exit status."""
+    """Print an error, with advice on `settings` if no reply came; return the exit status."""
     from framekit import ErrorCode
     from framekit.api.errors import ExchangeError, LineClosedError, NoReplyError, RefusedError, ReplyError, RequestError
 
@@ -126,14 +127,14 @@ def failed(arguments: argparse.Namespace, error: FramekitError, settings: Client
     if isinstance(error, RequestError):
         return 2
     if isinstance(error, ExchangeError) and error.error_code is ErrorCode.NOT_ALLOWED:
-        return 2  # nothing was sent
+        return 2  # no request was sent
     if isinstance(error, ExchangeError) and error.error_code is ErrorCode.FAILED:
         return 3  # a name that the protocol gives to an exchange without a good answer
     return 3 if isinstance(error, (NoReplyError, ReplyError, LineClosedError)) else 1
 
 
 def _look_at(settings: ClientSettings) -> str:
-    """What to look at where no reply comes: the station, and of a serial line what has to be as in the device."""
+    """Return advice for a missing reply: check the station, and on a serial line the settings of the device."""
     station = "" if settings.station is None else f"the station ({settings.station})"
     if scheme_name(settings.port):
         return f"check {station}" if station else ""
@@ -152,7 +153,7 @@ def _kind_of(error: FramekitError) -> str:
 
 
 def show(seen: Seen) -> None:
-    """A line on standard error for everything that goes over the line."""
+    """Print a line on standard error for each event of the line."""
     from framekit.cli.common import seen_text
 
     if seen.kind not in ("open", "closed"):
@@ -189,7 +190,7 @@ def run_read(arguments: argparse.Namespace) -> int:
 
 
 def cycle(every: str, times: int | None) -> Iterator[None]:
-    """Comes round at the times of reading, without drift; times that were missed are left out. Raises WordsError."""
+    """Yield at the times of reading, without drift; missed times are left out. Raises WordsError."""
 
     period = max(1, time_of("--every", every))
     if times is not None and times < 1:
@@ -205,7 +206,7 @@ def cycle(every: str, times: int | None) -> Iterator[None]:
 
 
 def once(client: Client, arguments: argparse.Namespace) -> int:
-    """One of many readings: a failure is printed, and it goes on."""
+    """Read once and return the exit status; a failure is printed."""
     from framekit.api.errors import ExchangeError
 
     try:
@@ -224,7 +225,7 @@ def read(client: Client, arguments: argparse.Namespace) -> list[Reading[Any]]:
 
 
 def output(arguments: argparse.Namespace, readings: list[Reading[Any]]) -> None:
-    """One JSON object, or a line for each address."""
+    """Print one JSON object, or a line for each address."""
     if arguments.json:
         shown = {
             "station": plain(readings[0].station),

@@ -1,6 +1,5 @@
-"""The verbs that write files to begin with: `framekit new`, those of a protocol of one's own; `framekit import`, a
-definition of another program's protocol file; `framekit schema`, the schemas with which editors complete keys and mark
-what is wrong.
+"""Verbs that create files: `framekit new`, a package for a new protocol; `framekit import`, a definition from another
+program's protocol file; `framekit schema`, the schemas with which editors complete keys and mark errors.
 """
 
 from __future__ import annotations

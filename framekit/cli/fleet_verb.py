@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 HEAD = ("gateway", "is", "since", "run", "channels", "points", "version", "file", "health")
 LONGEST_WITHIN = 86_400_000_000_000
 LONGEST_ANSWER = 60.0
-"""Seconds in which gateways have to answer, unless said."""
+"""Default time limit for the answers of gateways (s)."""
 LOOKS_EVERY = 5.0
 """Seconds after which a gateway that has gone silent is looked for, at most."""
 
@@ -112,7 +112,7 @@ def refuse_useless(arguments: argparse.Namespace) -> None:
 
 
 def access_of(arguments: argparse.Namespace) -> BrokerAccess:
-    """How the command line comes to the broker. Raises WordsError."""
+    """Return the access to the broker from the command line. Raises WordsError."""
     from framekit.sinks.broker import BrokerAccess, place_of
 
     try:
@@ -128,7 +128,7 @@ def access_of(arguments: argparse.Namespace) -> BrokerAccess:
 
 
 def kept_secret(option: str, text: str, what: str) -> Secret:
-    """Return the secret that stands where an option says, and can be read. Raises WordsError."""
+    """Return the secret that an option names, after checking that it can be read. Raises WordsError."""
     from framekit.sinks.secrets import secret_named
 
     try:
@@ -139,7 +139,7 @@ def kept_secret(option: str, text: str, what: str) -> Secret:
     return found
 
 
-# ---- what is shown --------------------------------------------------------------------------------------------
+# ---- output ---------------------------------------------------------------------------------------------------
 
 
 def row_of(member: Member) -> tuple[str, ...]:
@@ -186,7 +186,7 @@ def show(fleet: Fleet, arguments: argparse.Namespace) -> None:
 
 
 def watch(fleet: Fleet, arguments: argparse.Namespace, changed: queue.SimpleQueue[str], duration: int | None) -> None:
-    """Prints what changes, until the time (ns) is over."""
+    """Print changes until the time (ns) is over."""
     until = None if duration is None else time.monotonic() + duration / 1e9
     shown = {one.name: row_of(one) for one in wanted(fleet, arguments)}
     connected = True
@@ -210,7 +210,7 @@ def watch(fleet: Fleet, arguments: argparse.Namespace, changed: queue.SimpleQueu
 
 
 def show_answers(answers: list[GatewayAnswer], as_json: bool) -> int:
-    """Prints what gateways say of a file; the exit status."""
+    """Print the answers of gateways to a file; return the exit status."""
     for one in answers:
         if as_json:
             data = {"gateway": one.gateway, "ok": one.ok, "how": one.how, "problems": list(one.problems)}

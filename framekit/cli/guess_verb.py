@@ -1,4 +1,6 @@
-"""`framekit guess FILE…` and `framekit diff A B`: what can be said of an unknown line, and what differs between two."""
+"""`framekit guess FILE…` and `framekit diff A B`: statements about an unknown line, and the differences of two
+recordings.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,7 @@ if TYPE_CHECKING:
     from framekit.web.hex_session import HexBoard
 
 MOST_POINTS = 20
-"""So many values of a known protocol are shown."""
+"""Largest number of shown values of a known protocol."""
 FILES_HELP = "captures (pcap, JSON lines), pcap files of TCP or UDP, or hex text: a line for each frame"
 
 
@@ -66,7 +68,7 @@ def run_guess(arguments: argparse.Namespace) -> int:
 
 
 def _of_definition(arguments: argparse.Namespace, chunks: list[HeardBytes], page: WebPage) -> int:
-    """What a definition makes of the bytes."""
+    """Print or show the bytes decoded by a definition; return the exit status."""
     from framekit.api.guess import reading_of
 
     with ProgressLine("guess"):
@@ -88,7 +90,7 @@ def _of_definition(arguments: argparse.Namespace, chunks: list[HeardBytes], page
 
 
 def _of_guess(arguments: argparse.Namespace, chunks: list[HeardBytes], page: WebPage) -> int:
-    """What can be said of the bytes."""
+    """Print or show the statements about the bytes; return the exit status."""
     from framekit.api.guess import Evidence, Statement, guess, heard_points
     from framekit.api.known_lines import known_protocols
 
@@ -141,9 +143,9 @@ def _named(files: list[Path]) -> str:
 def _show(
     arguments: argparse.Namespace, page: WebPage, board: HexBoard, tell: Callable[[], None], to: str
 ) -> None:  # fmt: skip
-    """The page, until the time is over, or SIGINT or SIGTERM asks to stop; `tell` prints what is known.
+    """Show the page until the time is over, or SIGINT or SIGTERM arrives; `tell` prints the results.
 
-    For people the address comes last, for programs it comes first.
+    In text output the address of the page comes last, in JSON first.
     """
     duration = duration_of(arguments.duration)
 
@@ -174,7 +176,7 @@ def heard_in(files: list[Path]) -> list[HeardBytes]:
 
 
 def write(found: Guess, path: Path, source: str) -> None:
-    """The definition, with its vectors. Raises VerbError."""
+    """Write the definition with its vectors, and print its problems. Raises VerbError."""
     from framekit.api.draft import DraftError, write_definition
 
     try:
@@ -190,7 +192,7 @@ def write(found: Guess, path: Path, source: str) -> None:
 
 
 def text_of(found: Guess) -> str:
-    """What was found, in words."""
+    """Return the results in words."""
     whole = sum(len(chunk.data) for chunk in found.chunks)
     noise = f", {found.noise} bytes of {whole} in none" if found.noise else ""
     lines = [f"{plural(len(found.frames), 'frame')} in {plural(len(found.chunks), 'piece')}{noise}", ""]
@@ -234,7 +236,7 @@ def data_of(found: Guess) -> dict[str, Any]:
 
 
 def times_data(times: GuessedTimes) -> dict[str, Any]:
-    """Times in ns, for programs."""
+    """Return the times (ns) for programs."""
 
     def spread(one: TimeSpread | None) -> dict[str, int] | None:
         return None if one is None else {"least": one.least, "middle": one.middle, "greatest": one.greatest}

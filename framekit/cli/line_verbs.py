@@ -126,7 +126,10 @@ class _Printer:
 
 
 async def _listen(protocol: Protocol, arguments: argparse.Namespace, printer: _Printer, duration: int | None) -> int:
-    """Until the time is over, or SIGINT or SIGTERM asks to stop. Raises WordsError, PortError."""
+    """Listen until the time is over, or SIGINT or SIGTERM arrives; return the exit status.
+
+    Raises WordsError, PortError.
+    """
     ended = asyncio.Event()
     on_stop(ended.set)
     states: list[str] = []
@@ -176,7 +179,7 @@ class MonitorSession(LiveSession):
         self._state = "opening"
 
     def begin(self) -> LiveView:
-        """Raises VerbError, OSError."""
+        """Start the monitor and return its view. Raises VerbError, OSError."""
         from framekit.api.monitor import FrameLog, LineOf, LiveView
 
         log = FrameLog()

@@ -18,7 +18,7 @@ FURTHEST = (1 << 63) - 1
 """No time in a history lies further from 1970 (ns)."""
 
 PAGE = 1_000
-"""So many values of a history are in memory at once."""
+"""Number of values of a history in memory at once."""
 
 
 def add_points_arguments(parser: argparse.ArgumentParser) -> None:
@@ -83,7 +83,7 @@ def run_history(arguments: argparse.Namespace) -> int:
             (iso_time(row.time), row.point, _shown(row.value), row.unit, row.quality, row.reason)
             for row in history_of(arguments.run, arguments.point or ["*"], since, until)
         )
-        first = list(islice(rows, PAGE))  # what is wrong with the history is told before anything is printed
+        first = list(islice(rows, PAGE))  # faults of the history are reported before any output
         if arguments.csv:
             csv.writer(sys.stdout, lineterminator="\n").writerows(chain([head], first, rows))
         else:
@@ -108,7 +108,10 @@ def _shown(value: object) -> str:
 
 
 def _moment(option: str, text: str, now: int) -> int:
-    """Return a time of day (UTC unless it says a zone), or so long before now; in ns since 1970. Raises WordsError."""
+    """Return a time in ns since 1970: a time of day (UTC unless a zone is given), or a duration before now.
+
+    Raises WordsError.
+    """
     try:
         moment = datetime.fromisoformat(text)
     except ValueError:

@@ -1,4 +1,4 @@
-"""`framekit record`: the bytes of a line of which nothing is known, kept and shown; its speed and format found."""
+"""`framekit record`: the bytes of an unknown line, recorded and shown; search for its speed and format."""
 
 from __future__ import annotations
 
@@ -111,7 +111,10 @@ def _line(form: str, speed: int) -> LineFormat:
 
 
 async def _record(arguments: argparse.Namespace, line: LineFormat, duration: int | None, stopped: asyncio.Event) -> int:
-    """Until the time is over, or SIGINT or SIGTERM asks to stop. Raises WordsError, PortError, OSError."""
+    """Record until the time is over, or SIGINT or SIGTERM arrives; return the exit status.
+
+    Raises WordsError, PortError, OSError.
+    """
     from framekit.api.record import LEGEND, ByteRows, ByteView, Recorder, clock_of_loop, usual_pause
     from framekit.transport.schemes import scheme_of
 
@@ -168,7 +171,7 @@ async def _record(arguments: argparse.Namespace, line: LineFormat, duration: int
 
 
 def _drop_empty(path: Path | None, recorder: Recorder) -> None:
-    """A recording of nothing, of a port that could not be opened, does not stay."""
+    """Delete an empty recording, such as of a port that could not be opened."""
     if path is not None and path.is_file() and not any(wire.counts.bytes for wire in recorder.wires):
         path.unlink(missing_ok=True)
 
@@ -210,7 +213,7 @@ def _summary(arguments: argparse.Namespace, recorder: Recorder) -> None:
 
 
 async def _try(arguments: argparse.Namespace, stopped: asyncio.Event) -> Verdict:
-    """What listening with each speed and format has come to. Raises WordsError, PortError."""
+    """Listen with each speed and format, and return the verdict. Raises WordsError, PortError."""
     from framekit.api.line_trial import EACH, FORMATS, LONGER, SPEEDS, TESTED, try_lines
 
     if len(arguments.ports) > 1:

@@ -54,14 +54,14 @@ LOAD_HEAD = ("block", "what", "starts", "frames", "bytes", "takes", "load", "not
 
 
 def load_line(load: ChannelLoad) -> str:
-    """`channel 1 (19200 8E1): load 6.9 %, line 4.9 %`."""
+    """Return a line such as `channel 1 (19200 8E1): load 6.9 %, line 4.9 %`."""
     line = "" if load.line is None else f", line {percent(load.line)}"
     settings = "" if load.channel.line is None else f" ({load.channel.line})"
     return f"channel {load.channel.number}{settings}: load {percent(load.busy)}{line}"
 
 
 def load_table(load: ChannelLoad) -> str:
-    """Every block of a channel, with what its exchanges take."""
+    """Return a table of the blocks of a channel with the cost of their exchanges."""
     return table([_load_row(one) for one in load.blocks], LOAD_HEAD)
 
 
@@ -119,7 +119,7 @@ def status_text(status: RunStatus, began: int) -> str:
 
 
 def jobs_text(jobs: JobsStatus, began: int) -> list[str]:
-    """The slots that have had a job, what became of commands, and the log."""
+    """Return the slots that have had a job, the counters of commands, and the log."""
     rows = [job_row(one) for one in jobs.slots if one.kind]
     counters = jobs.counters
     kinds = "".join(f", {number} {kind}" for kind, number in sorted(counters.kinds.items()))
@@ -161,7 +161,7 @@ def trouble_data(trouble: Trouble) -> dict[str, Any]:
 
 
 def removed_data(gone: RemovedBlocks) -> dict[str, Any]:
-    """What blocks counted that are there no more."""
+    """Return the counters of removed blocks."""
     return asdict(replace(gone, reasons=Counter())) | {"reasons": dict(gone.reasons)}
 
 
@@ -260,7 +260,7 @@ class RunOutput:
             self.warning(told(warning))
 
     def refused(self, reasons: list[str]) -> None:
-        """An edited run cannot be; the one before goes on."""
+        """Print why an edited run cannot be applied; the previous run continues."""
         self.catch_up()
         for reason in reasons:
             self.warning(reason)

@@ -167,7 +167,7 @@ def made(make: Callable[..., R], run: RunModel, monitor: OnSeen | Tape | None, w
 
 
 def _virtual(loaded: RunModel, output: RunOutput, watch: RunWatch, duration: int) -> Ended:
-    """Runs for a simulated time."""
+    """Run for a simulated time."""
     from framekit.api.run import VirtualRun
 
     run = made(VirtualRun, loaded, None if watch.quiet else output.tape, watch)
@@ -206,7 +206,7 @@ class RealRun:
         """How long it is still to go on (ns); None: until it is ended."""
 
     async def carry_out(self, loaded: RunModel, duration: int | None) -> Ended:
-        """Runs until the time is over, or SIGINT or SIGTERM asks to stop."""
+        """Run until the time is over, or SIGINT or SIGTERM arrives."""
         on_stop(self._ended.set)
         if self._arguments.control:
             self._read_control()
@@ -238,7 +238,7 @@ class RealRun:
         return self._gateway
 
     def _begun(self, loaded: RunModel, page: WebPage) -> AsyncRun:
-        """Return the run, not started. One that a rolled file says, and that cannot be, is the one of before."""
+        """Return the run, not started. If the run of a rolled-out file cannot be made, return the previous run."""
         from framekit.api.run import AsyncRun
 
         gateway = self._gateway
@@ -252,7 +252,7 @@ class RealRun:
             return made(AsyncRun, before, self._monitor(page), self.watch)
 
     def _monitor(self, page: WebPage) -> OnSeen | Tape | None:
-        """Return what records or shows the frames of the lines."""
+        """Return the recorder of the frames of the lines: for the page, the output, or None."""
         return page.monitor(None if self.watch.quiet else self._output.tape)
 
     async def _one(self, loaded: RunModel, page: WebPage, unread: Unread) -> Ended:
@@ -323,7 +323,7 @@ class RealRun:
 
 
 def settle(path: Path) -> None:
-    """A file that was rolled out, and whose trial a kill cut off, is the one of before again. Raises VerbError."""
+    """Restore the previous file if the trial of a rolled-out file was interrupted. Raises VerbError."""
     from framekit.api.replaced_file import ReplacedFile
 
     try:
@@ -340,7 +340,7 @@ class Ended(NamedTuple):
 
 
 def _summary(run: RunCalls, output: RunOutput) -> Ended:
-    """The counters are shown, and what could not be kept."""
+    """Print the counters and the problems of stored data, and return the end of the run."""
     output.summary(run)
     problems = [*run.problems, *run.lost]
     for problem in problems:
@@ -390,7 +390,7 @@ class RunWatch:
 
 
 def controlled(run: RunCalls, line: str, stop: Callable[[], None]) -> str:
-    """Carries a control line out; why not, when it cannot be."""
+    """Execute a control line; return the reason if it is refused, else ''."""
     from framekit.api.errors import RequestError
 
     if line.strip().lower() == "stop":
@@ -427,7 +427,7 @@ class RunSession(LiveSession):
         self._stopped = True
 
     def begin(self) -> LiveView:
-        """Raises DefinitionError, VerbError, OSError."""
+        """Start the run and return its view. Raises DefinitionError, VerbError, OSError."""
         from framekit.api.monitor import FrameLog
         from framekit.api.run import AsyncRun, VirtualRun, view_of
 

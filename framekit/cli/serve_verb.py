@@ -142,9 +142,9 @@ def _assigned(texts: Iterable[str], form: str) -> dict[str, str]:
 async def _serve(
     arguments: argparse.Namespace, server: AsyncServer, duration: int | None, every: int, page: WebPage
 ) -> int:  # fmt: skip
-    """Serves until the time is over, or SIGINT or SIGTERM asks to stop; the exit status.
+    """Serve until the time is over, or SIGINT or SIGTERM arrives; return the exit status.
 
-    Raises PortError when the port can't be had.
+    Raises PortError if the port cannot be opened.
     """
     ended = asyncio.Event()
     on_stop(ended.set)
@@ -177,7 +177,7 @@ async def _open(server: AsyncServer) -> None:
     with in_words():
         try:
             await server.open()
-        except ConnectionError:  # that is what LineClosedError is
+        except ConnectionError:  # LineClosedError is one
             raise
         except OSError as error:
             raise VerbError(why_not(error)) from None
@@ -198,7 +198,7 @@ def _show_status(output: ServeOutput, every: int, ended: asyncio.Event) -> None:
 
 
 def warnings_of(server: AsyncServer) -> list[str]:
-    """What users should know of devices before they serve."""
+    """Return warnings about devices before they serve."""
     found = []
     for device in server.devices:
         missing = device.areas_without_memory()
@@ -240,7 +240,7 @@ class ServeOutput:
         print(text, file=sys.stderr)
 
     def ready(self) -> None:
-        """The port is open: requests can come."""
+        """Note that the port is open, so that requests can arrive, and show it."""
         self.is_ready = True
         self.show_ready()
 
@@ -258,7 +258,7 @@ class ServeOutput:
         raise NotImplementedError
 
     def status(self) -> None:
-        """The same while it goes on."""
+        """Print the status while serving."""
         raise NotImplementedError
 
 
@@ -339,7 +339,7 @@ class JsonServeOutput(ServeOutput):
 
 
 class ServeSession(LiveSession):
-    """Devices on one line; the first is channel 1, and shows what all of them hear."""
+    """Devices on one line; the first is channel 1, and shows the frames that all of them receive."""
 
     def __init__(self, server: AsyncServer, duration: int | None) -> None:
         super().__init__(f"serve {server.port}", duration)

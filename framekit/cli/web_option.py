@@ -36,7 +36,7 @@ def add_web(parser: argparse.ArgumentParser) -> None:
 
 
 def _no_file(text: str) -> str:
-    """What stands behind `--web`, which takes a file that was meant as the run. Raises ArgumentTypeError."""
+    """Return the value of `--web`; refuse a file that was meant as the run. Raises ArgumentTypeError."""
     if text.endswith((".yaml", ".yml")):
         raise argparse.ArgumentTypeError(f"'{text}' is no place to listen on – write files before --web")
     return text
@@ -73,7 +73,7 @@ class WebPage:
 
     @asynccontextmanager
     async def of_run(self, run: RunCalls) -> AsyncIterator[None]:
-        """Shows a run, not yet started, meanwhile."""
+        """Show a run, not yet started, while the context lasts."""
         if self.server is None:
             yield
             return
@@ -85,7 +85,7 @@ class WebPage:
             yield
 
     def watch(self, devices: AsyncServer) -> None:
-        """Devices that have not been opened yet: what goes over their line is for the page, as in `monitor`."""
+        """Show the traffic of devices, not yet opened, on the page, in addition to their monitor."""
         if self.server is None:
             return
         from framekit.api.server import view_of_devices
@@ -104,7 +104,7 @@ class WebPage:
 
     @asynccontextmanager
     async def of_devices(self, devices: AsyncServer) -> AsyncIterator[None]:
-        """Shows devices, which have been opened, meanwhile."""
+        """Show open devices while the context lasts."""
         if self.server is None or self._view is None:
             yield
             return
@@ -116,7 +116,7 @@ class WebPage:
 
     @asynccontextmanager
     async def shows(self, board: PageBoard, to: str = "fire and write") -> AsyncIterator[None]:
-        """Shows this meanwhile. `to`: what browsers do with the token, '' where there is nothing to be done."""
+        """Show a board while the context lasts. `to`: the actions that the token allows; '' if there are none."""
         assert self.server is not None
         self.server.begin(board)
         self._tell(self.server, to)
@@ -126,7 +126,7 @@ class WebPage:
             await self.server.end()
 
     def _tell(self, server: WebServer, to: str) -> None:
-        """Where the page is, and, where it was made, the token with which it does what it can."""
+        """Print the address of the page, and a generated token with the actions that it allows."""
         token = server.access.token if server.access.made and to else ""
         if self._json:
             print_json({"event": "web", "url": server.url} | ({"token": token} if token else {}))

@@ -1,4 +1,4 @@
-"""The live display: `show` opens it for a session, or says what is missing for it."""
+"""The live display: `show` opens it for a session, or reports what it lacks."""
 
 from __future__ import annotations
 
@@ -18,12 +18,15 @@ NO_TERMINAL = "the live display wants a terminal, and this is none – leave --s
 
 
 def has_terminal() -> bool:
-    """Whether what the display is drawn on, the standard error, is a terminal."""
+    """Return whether the standard error, which the display uses, is a terminal."""
     return sys.__stderr__ is not None and sys.__stderr__.isatty()
 
 
 def show(session: LiveSession) -> int:
-    """Until its time is over or the user quits. Raises VerbError, DefinitionError."""
+    """Show a session until its time is over or the user quits; return the exit status.
+
+    Raises VerbError, DefinitionError.
+    """
     try:
         from framekit.cli.screen.app import MonitorApp
     except ModuleNotFoundError as error:

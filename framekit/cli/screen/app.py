@@ -107,7 +107,7 @@ class MonitorApp(App[None]):
         await self.session.end()
 
     def go_on(self) -> None:
-        """Time passes: simulated time as well."""
+        """Advance the session by the elapsed time, which is simulated time in a virtual run."""
         if not self.is_running:  # the display is being taken down
             return
         now = time.monotonic_ns()
@@ -120,7 +120,7 @@ class MonitorApp(App[None]):
     # ---- tables -------------------------------------------------------------------------------------------
 
     def draw(self) -> None:
-        """New frames, and now and then the channels and the blocks."""
+        """Draw new frames, and the channels and blocks at longer intervals."""
         if self.view is None:
             return
         if self._drawn % STATUS_EVERY == 0:
@@ -171,7 +171,7 @@ class MonitorApp(App[None]):
             table.move_cursor(row=table.row_count - 1)
 
     def refill(self) -> None:
-        """The filter or the form of bytes is another: the kept frames again."""
+        """Show the kept frames again after a change of the filter or of the form of bytes."""
         if self.view is not None:
             wanted = parse_filter(self.filter_text, self.bad_only)
             chosen = [entry for entry in self.view.log.chosen(wanted) if entry.number <= self._shown]
@@ -180,7 +180,7 @@ class MonitorApp(App[None]):
             self.draw_status()
 
     def on_data_table_row_highlighted(self, event: DataTable.RowHighlighted) -> None:
-        """Show the fields of the frame that the cursor stands on."""
+        """Show the fields of the highlighted frame."""
         if event.data_table.id == "frames" and event.row_key is not None and event.row_key.value is not None:
             self.show_fields(int(event.row_key.value))
 
@@ -221,7 +221,7 @@ class MonitorApp(App[None]):
         entry.focus()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Commands are there where the session takes them."""
+        """Return whether an action is available: commands only if the session accepts them."""
         return action != "command" or self.session.controls
 
     def action_command(self) -> None:
@@ -285,7 +285,7 @@ BAR = 20
 
 
 def channel_line(number: int, line: LineOf, now: int) -> str:
-    """`ch 1 PROTOCOL client, open  ████····  31.0 % (average 12.4 %)`; the first number since the last time."""
+    """Return `ch 1 PROTOCOL client, open ████···· 31.0 % (average 12.4 %)`; the first number is since the last call."""
     start = f"ch {number} {line.name}, {line.state()}"
     load_now, load = line.load.since_last(now), line.load.share(now)
     if load_now is None or load is None:

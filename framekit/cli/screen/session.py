@@ -1,4 +1,4 @@
-"""What the live display shows: a session that can be watched; each verb with a display has one of its own."""
+"""Sessions of the live display; each verb with a display has its own class."""
 
 from __future__ import annotations
 
@@ -9,15 +9,14 @@ if TYPE_CHECKING:
 
 
 class LiveSession:
-    """Something that can be watched, for `duration` ns or until it is ended.
-
-    `problems` is told when it is over; `lost`: something is lost that should have been kept; `failure`: why it could
-    not go on; `controls`: it takes control lines.
-    """
+    """A session to be watched, for `duration` ns or until it is ended."""
 
     lost = False
+    """Whether data that should have been kept is lost."""
     failure: Exception | None = None
+    """Reason why the session could not continue."""
     controls = False
+    """Whether it accepts control lines."""
 
     def __init__(self, title: str, duration: int | None) -> None:
         self.title = title
@@ -26,15 +25,15 @@ class LiveSession:
         self.view: LiveView | None = None
 
     def control(self, line: str) -> str:
-        """Carries a control line out; why not, when it cannot be."""
+        """Execute a control line; return the reason if it is refused, else ''."""
         raise NotImplementedError
 
     def begin(self) -> LiveView:
-        """Called inside the loop; what is to be shown, which is `view` from then on."""
+        """Begin the session and return its view; called inside the loop."""
         raise NotImplementedError
 
     def step(self, duration: int) -> None:
-        """So much real time (ns) has passed."""
+        """Advance the session by real time (ns)."""
 
     @property
     def is_over(self) -> bool:
