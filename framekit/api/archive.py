@@ -1,8 +1,8 @@
-"""What captures say, as tables: their frames in an archive, and the values in devices.
+"""Captures as tables: an archive of their frames, and the values in devices.
 
-An archive is many captures decoded side by side, each to a Parquet file of one table: a folder, as pandas, DuckDB,
-Polars and Spark read it. It appears under its name when it is whole. Each capture is work of its own, done by the
-processes of this machine or by the workers of a cluster, with the same rows.
+An archive is a folder of many captures decoded side by side, each to a Parquet file of one table, as pandas, DuckDB,
+Polars and Spark read it. It gets its name when it is complete. Each capture is decoded separately, by the processes of
+this machine or by the workers of a cluster, with the same rows.
 
 The values are a table like that of the sink csv, which a simulated device can replay.
 """
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 ROWS_AT_ONCE = 50_000
-"""So many rows of a capture are in memory at most."""
+"""Largest number of rows of a capture in memory at once."""
 
 CLUSTER = "dask://"
 LONGEST_CONNECT = 10.0
@@ -69,13 +69,16 @@ class CaptureWork:
 
 @dataclass(frozen=True, slots=True)
 class Decoded:
-    """What became of a capture. `counts`: of `frame`, `bad`, `noise`. `problem`: why it was not read to its end."""
+    """Result of decoding a capture."""
 
     capture: str
     rows: int = 0
     counts: Mapping[str, int] = field(default_factory=dict)
+    """Numbers of `frame`, `bad`, `noise`."""
     is_cut: bool = False
+    """Whether the last record of the capture is incomplete."""
     problem: str = ""
+    """Reason why the capture was not read to its end; '' if it was."""
 
 
 def archive(
@@ -90,11 +93,12 @@ def archive(
     jobs: int | None = None,
     engine: str = "",
 ) -> Generator[Decoded, None, None]:
-    """Decodes captures with a protocol (name or file) to the folder `target`; what became of each, as it ends.
+    """Decode captures with a protocol (name or file) to the folder `target`; yield the result of each when it is
+    finished.
 
-    `jobs`: processes, one for each core without it. `engine`: `dask://HOST:PORT`, a cluster whose workers see the same
-    files. `target` has the rows of all captures that could be read, also of those broken off, once the last has been
-    given. Raises RequestError where that cannot begin, OSError for files.
+    `jobs`: number of processes; default: one for each core. `engine`: `dask://HOST:PORT`, a cluster whose workers see
+    the same files. After the last result, `target` has the rows of all readable captures, including incomplete ones.
+    Raises RequestError if decoding cannot begin, OSError for files.
     """
     _ready(captures, target)
     part = target.with_name(f"{target.name}.part")
@@ -130,13 +134,13 @@ Results = Callable[[Sequence[CaptureWork]], Iterator[Decoded]]
 
 
 def _here(works: Sequence[CaptureWork]) -> Iterator[Decoded]:
-    """This process."""
+    """Decode in this process."""
     return map(decode_to, works)
 
 
 @contextmanager
 def _processes(jobs: int) -> Iterator[Results]:
-    """Processes of this machine, which start afresh: a thread of this one may hold locks."""
+    """Provide decoding in processes of this machine, which start afresh: threads of this process may hold locks."""
     with ProcessPoolExecutor(jobs, get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_DFL)) as pool:
 
         def results(works: Sequence[CaptureWork]) -> Iterator[Decoded]:
@@ -154,7 +158,7 @@ def _processes(jobs: int) -> Iterator[Results]:
 
 @contextmanager
 def _cluster(engine: str) -> Iterator[Results]:
-    """The workers of a cluster of dask. Raises RequestError."""
+    """Provide decoding by the workers of a dask cluster. Raises RequestError."""
     place = engine.removeprefix(CLUSTER)
     if not engine.startswith(CLUSTER) or not place:
         raise RequestError(f"'{engine}' is no engine – write dask://HOST:PORT")
@@ -179,7 +183,7 @@ def _cluster(engine: str) -> Iterator[Results]:
 
 
 def decode_to(work: CaptureWork) -> Decoded:
-    """Decodes one capture to its Parquet file, in whatever process. Raises OSError for the file that it writes."""
+    """Decode a capture to its Parquet file, in any process. Raises OSError for the file that it writes."""
     from pyarrow import parquet
 
     counts: Counter[str] = Counter()
@@ -191,7 +195,7 @@ def decode_to(work: CaptureWork) -> Decoded:
             table = _Rows(protocol, Path(work.capture).name)
             try:
                 for channel, seen in found.seen():
-                    if seen.kind != "noise" or not seen.reason:  # what a bad frame left is part of that
+                    if seen.kind != "noise" or not seen.reason:  # noise left by a bad frame is part of that frame
                         counts[seen.kind] += 1
                     if work.wanted.takes(channel, seen):
                         table.add(channel, seen)
@@ -214,7 +218,10 @@ COLUMNS = {
     "result": "names", "size": "number", "bytes": "bytes", "fields": "text", "reason": "text", "segment": "text",
     "offset": "number",
 }  # fmt: skip
-"""The columns of an archive. `fields` is an object of JSON; `offset` and `segment` tell where a bad frame is wrong."""
+"""Columns of an archive.
+
+`fields` is an object of JSON; `offset` and `segment` give the place of the fault of a bad frame.
+"""
 
 
 def _schema() -> pa.Schema:
@@ -252,7 +259,7 @@ class _Rows:
         )  # fmt: skip
 
     def taken(self) -> pa.RecordBatch:
-        """Return the rows as a batch of columns; none are left."""
+        """Return the rows as a batch of columns, and remove them."""
         import pyarrow as pa
 
         schema = _schema()
@@ -267,7 +274,7 @@ class _Rows:
 
 
 HEAD = ("time", "point", "value", "unit", "quality", "reason")
-"""The columns, as those of the sink csv."""
+"""Columns of the table of values, equal to those of the sink csv."""
 
 
 class CapturedValue(NamedTuple):
@@ -281,10 +288,10 @@ class CapturedValue(NamedTuple):
 def captured_values(
     found: Iterable[tuple[int, Seen]], protocol: Protocol, name: str, params: Mapping[str, Any]
 ) -> Iterator[CapturedValue]:
-    """The values in what was seen on channels, each the first time and whenever it is another one. `name`: the
-    protocol's name or file.
+    """Yield the values in the frames of channels: each when first seen, and at every change. `name`: name or file of
+    the protocol.
 
-    Raises RequestError for a protocol in which nothing asks for places, and CaptureError (a ValueError).
+    Raises RequestError for a protocol without requests for places, and CaptureError (a ValueError).
     """
     codec = compile_protocol(protocol)
     table, scope = table_of(protocol, codec), Scope(protocol, params=params)
@@ -322,7 +329,7 @@ def point_of(one: KnownValue) -> str:
 
 
 def write_values(values: Iterator[CapturedValue], target: Path) -> tuple[int, int]:
-    """Writes a table of comma-separated values; how many there were, and of how many points. Raises OSError."""
+    """Write a table of comma-separated values; return the numbers of values and of points. Raises OSError."""
     points: set[str] = set()
     count = 0
     with target.open("w", encoding="utf-8", newline="") as stream:

@@ -99,7 +99,9 @@ def _run(path: Path) -> Checked:
 
 
 def loads_of(run: RunModel) -> tuple[tuple[ChannelLoad, ...], list[Problem]]:
-    """The load of each channel of a run, worked out on simulated lines; a warning for each cycle without time."""
+    """Return the load of each channel of a run, computed on simulated lines, and a warning for each cycle that lacks
+    time.
+    """
     from framekit.service import feasibility
 
     loads = feasibility.loads_of(run)

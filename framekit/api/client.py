@@ -89,7 +89,10 @@ class AsyncClient:
     # ---- life ---------------------------------------------------------------------------------------------
 
     async def open(self) -> Self:
-        """Opens the port. Raises LineClosedError, DefinitionError for a wrong device, RequestError for no port."""
+        """Open the port.
+
+        Raises LineClosedError, DefinitionError for a wrong device, RequestError for an invalid port.
+        """
         if self._service is not None:
             return self
         loop = asyncio.get_running_loop()
@@ -181,7 +184,7 @@ class AsyncClient:
 
     @property
     def is_open(self) -> bool:
-        """Return whether the port is open now. One that was lost is opened again by itself."""
+        """Return whether the port is open now. A lost port is opened again automatically."""
         return self._service is not None and self._service.is_open
 
     @property
@@ -233,12 +236,12 @@ class AsyncClient:
         self, address: str, count: int = 1, *, station: Any = None, type: str | None = None,
         order: Order | None = None, params: Mapping[str, Any] | None = None,
     ) -> Reading[Any]:  # fmt: skip
-        """`count` values from an address on; of a string, so many characters.
+        """Read `count` values from an address on; of a string, `count` characters.
 
         `type`: a unit of memory (`bit byte word dword lword`), or `int16`, `uint32`, `float32`, `string` …; default:
-        the type that the protocol gives the place, else the unit of the address. `order`: where their bytes stand.
-        `params`: other values of parameters, for this call.
-        Raises RequestError, NoReplyError, RefusedError, ReplyError, LineClosedError.
+        the type that the protocol gives the place, else the unit of the address. `order`: order of the bytes of a
+        number. `params`: other values of parameters, for this call. Raises RequestError, NoReplyError, RefusedError,
+        ReplyError, LineClosedError.
         """
         service = self._working()
         how, to, begin = self._how(address, type, order, count, station)
@@ -279,11 +282,11 @@ class AsyncClient:
         self, address: str, count: int = 1, *, on_values: OnValues, on_error: OnError | None = None,
         every: float = 0.0, station: Any = None, type: str | None = None, order: Order | None = None,
     ) -> Poll:  # fmt: skip
-        """Reads again and again until it is stopped; `on_values` gets the values of each reply, a tuple.
+        """Read repeatedly until the poll is stopped; `on_values` gets the values of each reply, a tuple.
 
-        A read begins `every` seconds after the one before; 0: as soon as that is answered. This costs a little less
-        than a loop around `read`. A read that fails goes to `on_error`, and the next begins 0.1 s later at the
-        earliest; without `on_error`, or when a callback raises, that is the end, and `await` raises it. Other
+        A read begins `every` seconds after the previous; 0: as soon as the previous is answered. This costs a little
+        less than a loop around `read`. A failed read is passed to `on_error`, and the next begins 0.1 s later at the
+        earliest; without `on_error`, or if a callback raises, the poll ends, and `await` raises the error. Other
         arguments as for `read`. Raises RequestError, LineClosedError.
         """
         service = self._working()
@@ -303,7 +306,10 @@ class AsyncClient:
         self, addresses: Sequence[str], *, station: Any = None, type: str | None = None, order: Order | None = None,
         params: Mapping[str, Any] | None = None,
     ) -> Reading[Any]:  # fmt: skip
-        """One value of each address, in their order; in one request where the protocol has lists. Else as `read`."""
+        """Read one value of each address, in their order; in one request if the protocol has lists.
+
+        Other arguments as for `read`.
+        """
         service = self._working()
         to = self.settings.station_for(station)
         if type == "string":
@@ -329,9 +335,9 @@ class AsyncClient:
         self, address: str, values: Value | Sequence[Value], *, station: Any = None, type: str | None = None,
         order: Order | None = None, count: int | None = None, params: Mapping[str, Any] | None = None,
     ) -> None:  # fmt: skip
-        """Writes one value, or several from an address on; a text is filled up with 00 to `count` characters.
+        """Write a value, or several from an address on; a text is padded with 00 to `count` characters.
 
-        `type` and `order` as for `read`; negative numbers are written as two's complement. Raises what `read` raises;
+        `type` and `order` as for `read`; negative numbers are written as two's complement. Raises the errors of `read`;
         `written` of the error counts the values written before a later part failed.
         """
         service = self._working()
@@ -373,9 +379,10 @@ class AsyncClient:
         addresses: Sequence[str] = (), unit: str | None = None, count: int = 1,
         params: Mapping[str, Any] | None = None,
     ) -> Answer:  # fmt: skip
-        """Runs any other service of the protocol. One address stands for `count` elements, several for one each.
+        """Run any other service of the protocol. A single address stands for `count` elements, several for one element
+        each.
 
-        Raises what `read` raises.
+        Raises the errors of `read`.
         """
         working = self._working()
         to = self.settings.station_for(station, needed=False)
@@ -393,10 +400,11 @@ class AsyncClient:
     def command_blocks(
         self, application: ProtocolGiven | None = None, memory: DeviceMemory | None = None
     ) -> CommandBlocks:
-        """Command blocks on this line, as an application of commands reads them; default: the one its protocol names.
+        """Return command blocks on this line, as an application of commands reads them; default: the application its
+        protocol names.
 
-        `memory`: where their data and status words stand; default: one with the application's areas. Raises
-        DefinitionError and LineClosedError, ValueError when the application has no command blocks.
+        `memory`: memory with their data and status words; default: a memory with the application's areas. Raises
+        DefinitionError and LineClosedError, ValueError if the application has no command blocks.
         """
         service = self._working()
         found = protocol_of(application or self.settings.protocol.commands_file)
@@ -405,10 +413,10 @@ class AsyncClient:
         return CommandBlocks(found, own, channel=engine.scope, engine=engine, client=client, later=service.driver.later)
 
     async def command(self, blocks: CommandBlocks, words: bytes) -> CommandEnd:
-        """Carries out the command block that begins with these bytes; how it ended, failures too.
+        """Carry out the command block that begins with these bytes, and return its end, also after failures.
 
-        One is carried out after the other: each finds the memory as those before have left it. Raises
-        RequestError where requests need a number of the own side, LineClosedError.
+        Commands run one after the other: each sees the memory that the previous commands left. Raises RequestError if
+        requests need a number of the own side, LineClosedError.
         """
         self.settings.check_own()
         future: asyncio.Future[CommandEnd] = asyncio.get_running_loop().create_future()
@@ -452,7 +460,7 @@ class AsyncClient:
     # ---- frames -------------------------------------------------------------------------------------------
 
     async def send(self, frame: str, fields: Mapping[str, Any] | None = None) -> None:
-        """Sends a frame by itself and returns when it has left. Raises RequestError, LineClosedError."""
+        """Send a frame without an exchange and return when it has left. Raises RequestError, LineClosedError."""
         service = self._working()
         self._known(frame)
         left: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
@@ -466,8 +474,8 @@ class AsyncClient:
     async def wait_for(self, *frames: str, timeout: float | None = None) -> Frame:
         """Return the next frame of one of these names (of any, without names) that no exchange took.
 
-        One that came before the call counts, unless it was taken. `timeout` in seconds. Raises NoReplyError when that
-        is over, LineClosedError, RequestError where frames are only looked for during exchanges.
+        A frame that arrived before the call counts, unless it was taken. `timeout` in seconds. Raises NoReplyError
+        after the timeout, LineClosedError, RequestError if the role receives frames only during exchanges.
         """
         service = self._working()
         for name in frames:
@@ -496,7 +504,7 @@ class AsyncClient:
             raise RequestError(no_such(f"'{self.protocol.name}' has no frame", frame, self.protocol.frames))
 
     def _on_frame(self) -> None:
-        """A frame that was not taken has come: the call that has waited longest gets it."""
+        """Pass a frame that no exchange took to the call that has waited longest."""
         assert self._service is not None
         for waiting in list(self._waiting):
             names, future = waiting
@@ -624,7 +632,7 @@ class Poll:
         self._reads += 1
         try:
             self._on_values(values)
-        except Exception as error:  # whatever it is, it belongs to the caller that waits for the end
+        except Exception as error:  # any error belongs to the caller that waits for the end
             self._fail(error)
 
     def _fail(self, error: Exception) -> None:
@@ -635,7 +643,9 @@ class Poll:
 
 
 def _check_callback(name: str, callback: object) -> None:
-    """Raises ValueError for what cannot be called, or would have to be awaited: its values would be lost silently."""
+    """Raise ValueError for an object that is not callable, or is a coroutine function: its values would be lost
+    silently.
+    """
     if not callable(callback):
         raise ValueError(f"{name} has to be a plain function, not {callback!r}")
     if inspect.iscoroutinefunction(callback):
@@ -661,7 +671,7 @@ P = ParamSpec("P")
 def _waiting(
     method: Callable[Concatenate[AsyncClient, P], Coroutine[Any, Any, T]],
 ) -> Callable[Concatenate[Client, P], T]:
-    """Return the call that waits for the end of the async client's."""
+    """Return a method that calls the method of the async client and waits for its end."""
 
     @functools.wraps(method)
     def call(self: Client, /, *arguments: P.args, **options: P.kwargs) -> T:
@@ -673,9 +683,9 @@ def _waiting(
 class Client(Closing):
     """A client on an open port, made by `framekit.connect`; `with` or `close` closes it.
 
-    Threads may call it side by side. If a program does not close it, the port closes with the last reference to
-    the client, or at the program's end. `read_many`, `write`, `write_many`, `call`, `command`, `send` and
-    `wait_for` take and give what those of `AsyncClient` do.
+    Threads may call it side by side. If a program does not close it, the port closes with the last reference to the
+    client, or at the program's end. See `AsyncClient` for the arguments and results of `read_many`, `write`,
+    `write_many`, `call`, `command`, `send` and `wait_for`.
     """
 
     def __init__(self, client: AsyncClient) -> None:
@@ -697,7 +707,7 @@ class Client(Closing):
 
     @property
     def is_open(self) -> bool:
-        """Return whether the port is open now. One that was lost is opened again by itself."""
+        """Return whether the port is open now. A lost port is opened again automatically."""
         return self.client.is_open
 
     @property
@@ -742,7 +752,7 @@ class Client(Closing):
         self, address: str, count: int = 1, *, station: Any = None, type: str | None = None,
         order: Order | None = None, params: Mapping[str, Any] | None = None,
     ) -> Reading[Any]:  # fmt: skip
-        """`count` values from an address on."""
+        """Read `count` values from an address on; see `AsyncClient.read`."""
         return self.wait(self.client.read(address, count, station=station, type=type, order=order, params=params))
 
     read_many = _waiting(AsyncClient.read_many)
@@ -756,20 +766,20 @@ class Client(Closing):
     def command_blocks(
         self, application: ProtocolGiven | None = None, memory: DeviceMemory | None = None
     ) -> CommandBlocks:
-        """Command blocks on this line."""
+        """Return command blocks on this line; see `AsyncClient.command_blocks`."""
         return self.client.command_blocks(application, memory)
 
 
 @with_arguments_of(aconnect)
 def connect(client: AsyncClient) -> Client:
-    """Opens a port and speaks a protocol on it; `framekit.aconnect` does the same for asyncio.
+    """Open a port and return a client with a protocol on it; `framekit.aconnect` does the same for asyncio.
 
-    `protocol`: name or file of a definition, or what `framekit.load` gave. `port`: a device (`/dev/ttyUSB0`),
-    `tcp://HOST:PORT`, a pyserial URL, or `sim:FILE[,FILE…]`, simulated devices in this process. `station`: the other
-    side's where a call names none.
-    `speed`, `format` (such as `8E1`): the protocol's own where they are not given. `params`: the protocol's parameters.
-    `role`, `own`: what this side is, where the protocol leaves a choice. `frames_alone`: no exchanges; every frame that
-    comes is for `wait_for`. `open_within`: seconds. `monitor` gets everything seen on the line, in another thread.
+    `protocol`: name or file of a definition, or a result of `framekit.load`. `port`: a device (`/dev/ttyUSB0`),
+    `tcp://HOST:PORT`, a pyserial URL, or `sim:FILE[,FILE…]`, simulated devices in this process. `station`: default
+    station of the other side for calls without a station. `speed`, `format` (such as `8E1`): default: the protocol's
+    own. `params`: the protocol's parameters. `role`, `own`: role and station of this side, if the protocol leaves a
+    choice. `frames_alone`: no exchanges; every received frame is for `wait_for`. `open_within`: seconds. `monitor` gets
+    everything seen on the line, in another thread.
 
     Raises DefinitionError for a wrong definition, RequestError for settings that do not fit it, and LineClosedError.
     """

@@ -53,7 +53,7 @@ class Protocol:
 
     @property
     def frames(self) -> tuple[str, ...]:
-        """Return the names of the frames that stand on the line, in the order of the definition."""
+        """Return the names of the frames that occur on the line, in the order of the definition."""
         return tuple(frame.name for frame in self.definition.frames.values() if not frame.inner)
 
     @property
@@ -67,12 +67,12 @@ class Protocol:
         return self._codec.encode(frame, fields, self._scope)
 
     def builder(self, frame: str, /, *inside: str) -> Callable[..., bytes]:
-        """A function that builds a frame of single values: `build(station=17, values=[1, 2])`.
+        """Return a function that builds a frame from single values: `build(station=17, values=[1, 2])`.
 
-        `inside`: the frame that stands in it, the one in that, and so on. There is a keyword for everything that is
-        given; lengths, counts, checks and constants are worked out, and what has a default may be left out. Signature
-        and docstring of the function say what it takes. It gives the bytes of `encode`, and raises what that raises.
-        Keep it: to ask for it takes longer than to call it. Raises RequestError for a frame that cannot stand there.
+        `inside`: the name of the inner frame, of the frame inside that, and so on. The function has a keyword for every
+        given value; lengths, counts, checks and constants are computed, and values with a default may be omitted. Its
+        signature and docstring describe the arguments. It returns the bytes of `encode`, and raises its errors. Keep
+        the function: making it takes longer than calling it. Raises RequestError for an impossible inner frame.
         """
         self._known(frame, self.definition.frames)
         for outer, name in pairwise((frame, *inside)):
@@ -85,9 +85,9 @@ class Protocol:
         return self._builders.builder(frame, *inside)
 
     def construct(self, frame: str) -> CompiledFrame:
-        """A frame as an object of the construct library: bare in `Struct`, `Array`, `GreedyRange`, or nested.
+        """Return a frame as an object of the construct library: bare in `Struct`, `Array`, `GreedyRange`, or nested.
 
-        It parses one frame from where the stream stands, builds from a mapping, and knows its size where that is fixed.
+        It parses a frame at the position of the stream, builds from a mapping, and has a size if that is fixed.
         Parameters are keywords of `parse` and `build`. Its errors are both FrameError or EncodeError and
         `construct.ConstructError`. Raises RequestError for an unknown frame.
         """
@@ -102,10 +102,10 @@ class Protocol:
         )
 
     def decode(self, data: bytes, frame: str | None = None, *, sender: str | None = None) -> Frame:
-        """The frame that some bytes are, in whole. `frame`: only this one, or those of this group.
+        """Decode bytes that are exactly one frame. `frame`: only this frame, or the frames of this group.
 
-        `sender`: `client` or `server`, where both send frames that look alike. Raises FrameError (a ValueError) with
-        what the frame that fits best has to say.
+        `sender`: `client` or `server`, if both send similar frames. Raises FrameError (a ValueError) with the fault of
+        the frame that fits best.
         """
         fits, faults = self._fitting(data, frame, sender)
         if fits:
@@ -120,18 +120,18 @@ class Protocol:
         ) from None  # fmt: skip
 
     def decode_all(self, data: bytes, frame: str | None = None, *, sender: str | None = None) -> list[Frame]:
-        """Return every frame that the bytes may be; none is no error."""
+        """Return every frame that the bytes may be; an empty list if they are none."""
         return self._fitting(data, frame, sender)[0]
 
     def decode_many(self, frames: Sequence[bytes], frame: str) -> Batch:
-        """Many frames called `frame`, in columns if NumPy is installed; the values are those of `decode`.
+        """Decode many frames called `frame`, into columns if NumPy is installed; the values are those of `decode`.
 
-        A frame that is none raises nothing here: `Batch.faults` has them all. Raises RequestError for an unknown frame.
+        A bad frame raises no error: `Batch.faults` has all faults. Raises RequestError for an unknown frame.
         """
         return self._decode_cut(Cut.of(frames), frame)
 
     def decode_capture(self, path: str | Path, frame: str, direction: Literal["in", "out"] = "in") -> Batch:
-        """As `decode_many`, of a capture in which every record of `direction` is one frame.
+        """Decode a capture in which every record of `direction` is one frame, as `decode_many` does.
 
         Raises CaptureError (a ValueError), RequestError.
         """
@@ -146,7 +146,7 @@ class Protocol:
         return BatchDecoder(self._codec, frame, self._scope).decode(cut)
 
     def why_not(self, data: bytes) -> str:
-        """Why bytes are no frame, in words; '' if they are one."""
+        """Return the reason why bytes are no frame, in words; '' if they are one."""
         fits, faults = self._fitting(data, None, None)
         return "" if fits else reason(faults, data)
 
@@ -179,7 +179,7 @@ def _named(frame: object) -> None:
 
 
 def load(protocol: ProtocolGiven, *, params: Mapping[str, Any] | None = None, own: Any = None) -> Protocol:
-    """A shipped protocol by its name, one beside the current folder, or a YAML file.
+    """Load a shipped protocol by its name, one in the current folder, or a YAML file.
 
     `params` and `own` (the own station) are for frames whose bytes depend on them. Raises DefinitionError with every
     problem of the file, RequestError for parameters that do not fit.

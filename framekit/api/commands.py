@@ -51,7 +51,7 @@ def has_jobs(application: Protocol) -> bool:
 
 
 def profile_of(application: Protocol) -> JobProfile:
-    """What its jobs are like. Raises DefinitionError."""
+    """Return the profile of its jobs. Raises DefinitionError."""
     return load_job_profile(application.name, Path.cwd(), Position(application.name, 1, 1))
 
 
@@ -65,7 +65,7 @@ def blocks_of(application: Protocol, protocol: Protocol | None, role: str | None
 
 
 def blocks_on(line: JobLine) -> CommandBlocks:
-    """Command blocks over the memory of a line of jobs."""
+    """Return command blocks over the memory of a line of jobs."""
     return CommandBlocks(line.application, line.memory)
 
 
@@ -195,6 +195,6 @@ def line_of_jobs(
     application: Protocol, profile: JobProfile, settings: ClientSettings, monitor: Monitor | None,
     closed: Callable[[str], None],
 ) -> JobLine:  # fmt: skip
-    """Jobs over a line, in the running loop; `closed` gets the reason of a closed connection."""
+    """Return jobs over a line, in the running loop; `closed` gets the reason of a closed connection."""
     clock = AsyncioClock(asyncio.get_running_loop())
     return JobLine(application, profile, settings.channel(), clock, monitor, closed)

@@ -42,7 +42,7 @@ class Difference(NamedTuple):
 
 
 class SeenFrame(NamedTuple):
-    """A frame of one recording: its kind, what was asked before it ('' where it is no reply), and its values."""
+    """A frame of one recording: its kind, the request before it ('' for a frame that is no reply), and its values."""
 
     kind: str
     asked: str
@@ -51,9 +51,10 @@ class SeenFrame(NamedTuple):
 
 
 def differences(one: Sequence[HeardBytes], two: Sequence[HeardBytes]) -> list[Difference]:
-    """The bytes of frames, guessed from both together, that have other values in the second recording.
+    """Return the fields of frames, guessed from both recordings, that have other values in the second.
 
-    Counters and checks differ always, and are left out, as is what a reply repeats: it is compared in the request.
+    Counters and checks always differ and are left out, as are bytes that a reply repeats: they are compared in the
+    request.
     """
     if others := _other_protocols(one, two):
         return others
@@ -87,7 +88,7 @@ def differences(one: Sequence[HeardBytes], two: Sequence[HeardBytes]) -> list[Di
 
 
 MOST_ASKED = 12
-"""A byte of requests with more values is none that tells what is asked for."""
+"""Largest number of values of a byte that identifies a request."""
 MOST_SHOWN = 24
 
 
@@ -103,7 +104,7 @@ LONG_AFTER = 10_000_000_000
 
 
 def _other_protocols(one: Sequence[HeardBytes], two: Sequence[HeardBytes]) -> list[Difference]:
-    """Where the check of neither recording holds in frames of the other one."""
+    """Report another protocol if the check of each recording fails in the frames of the other."""
     both = guess(one), guess(two)
     for found, other in (both, both[::-1]):
         checks = [kind.check for kind in found.kinds if kind.check is not None and kind.check.is_sure]
@@ -129,7 +130,9 @@ def _check_name(found: Guess) -> str:
 
 
 def _asked_places(kind: FrameKind, texts: Sequence[bytes]) -> frozenset[int]:
-    """The bytes of a request that tell what is asked for: no counters, no codes, nothing that is ever different."""
+    """Return the offsets of the bytes that identify a request: without counters, codes, and bytes that always
+    differ.
+    """
     end = min(map(len, texts)) + min((field.offset for field in kind.fields if field.offset < 0), default=0)
     counted = {
         place
@@ -161,7 +164,9 @@ def _guessed_values(kind: FrameKind, text: bytes) -> Iterator[tuple[tuple[int, s
 
 
 def compared(one: Sequence[SeenFrame], two: Sequence[SeenFrame]) -> list[Difference]:
-    """Frames of each kind, replies to equal requests, value by value; and what only one of the recordings has."""
+    """Return the differences of frames of each kind, of replies to equal requests, and frames that only one recording
+    has.
+    """
     groups: dict[tuple[str, str], tuple[list[SeenFrame], list[SeenFrame]]] = defaultdict(lambda: ([], []))
     kinds: dict[str, tuple[list[SeenFrame], list[SeenFrame]]] = defaultdict(lambda: ([], []))
     for number, part in enumerate((one, two)):
@@ -220,11 +225,11 @@ def _differ(one: Sequence[Any], two: Sequence[Any]) -> bool:
 
 
 ENOUGH = 5
-"""So many values have a range that tells something."""
+"""Number of values whose range is significant."""
 
 
 def _number(value: Any) -> Any:
-    """A value to be compared by size; None for what has none."""
+    """Return a value as a number for comparison; None if it has none."""
     if isinstance(value, bytes):
         return int.from_bytes(value, "big")
     return value if isinstance(value, (int, float)) else None
@@ -236,7 +241,7 @@ def _only_rises(values: Sequence[Any]) -> bool:
 
 
 def _some(values: Sequence[Any]) -> str:
-    """Different values, or from which to which, if they are many."""
+    """Return the different values as text; many values as a range."""
     if len(values) <= 3 or any(_number(one) is None for one in values):
         shown = sorted(map(_shown, values))
         return ", ".join(shown[:3]) + (f" … {len(shown)} values" if len(shown) > 3 else "")
@@ -252,9 +257,9 @@ def _shown(value: Any) -> str:
 
 
 def definition_differences(name: str | Path, one: Sequence[HeardBytes], two: Sequence[HeardBytes]) -> list[Difference]:
-    """The fields of a definition that have other values in the second recording. Raises DefinitionError.
+    """Return the fields of a definition that have other values in the second recording. Raises DefinitionError.
 
-    Lengths and counts, and what goes up by the same from frame to frame, are left out.
+    Lengths, counts, and values with a constant step from frame to frame are left out.
     """
     protocol = load_protocol(name)
     halves = [_read(protocol, part) for part in (one, two)]
@@ -275,7 +280,7 @@ def definition_differences(name: str | Path, one: Sequence[HeardBytes], two: Seq
 
 
 def _with_asked(protocol: Protocol, frames: Sequence[SeenFrame], telling: set[tuple[str, str]]) -> list[SeenFrame]:
-    """Replies with what was asked before them."""
+    """Return the replies with the request before them."""
     found, asked = [], ""
     for frame in frames:
         if protocol.frames[frame.kind].side == "client":
@@ -332,7 +337,7 @@ def _counting(protocol: Protocol) -> frozenset[str]:
 
 
 def _offset(path: str, places: Mapping[str, int]) -> int:
-    """Where a field stands; a byte counts from the first one of its field."""
+    """Return the offset of a field; a byte counts from the first byte of its field."""
     if path in places:
         return places[path]
     name, _, number = path.rpartition("[")

@@ -1,7 +1,7 @@
-"""The document of a protocol: what its definition says, for people – frames drawn, fields, services, sequences.
+"""The document of a protocol: its definition for readers – frames drawn, fields, services, sequences.
 
-It is made of the model alone, so it cannot say anything else than what runs. It is written as Markdown, with a picture
-for each frame, or as one HTML page that needs no other file.
+It is made from the model alone, so that it always agrees with the running protocol. It is written as Markdown, with a
+picture for each frame, or as a single HTML page that needs no other file.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Box:
 
     @property
     def width(self) -> float:
-        """Pixels: by the size, and so that the texts have room."""
+        """Return the width in pixels, from the size of the segment and the length of its texts."""
         room = 16 + _LETTER * max(len(_cut(self.name)), len(_cut(self.below)), len(self.size))
         return min(max(_LEAST, _BYTE * (self.bytes_ or 3), room), max(_MOST, room))
 
@@ -142,7 +142,7 @@ Block = Heading | Paragraph | PageTable | Picture | Listing
 
 @dataclass(frozen=True, slots=True)
 class FieldLine:
-    """A segment in the table of a frame; `depth`: lists it stands in."""
+    """A segment in the table of a frame; `depth`: number of lists that contain it."""
 
     offset: str
     size: str
@@ -152,7 +152,7 @@ class FieldLine:
 
 
 def document(protocol: Protocol, vectors: Path | None = None) -> list[Block]:
-    """Everything a reader of the protocol wants to know; `vectors`: its cases, from which examples are taken."""
+    """Return the document of a protocol; `vectors`: its cases, from which examples are taken."""
     return list(_Writer(protocol, _examples(vectors)).blocks())
 
 
@@ -254,7 +254,7 @@ class _Writer:
                     yield from self._lines(inside, at if alone and segment.when is None else ANY, depth + 1)
             at += sizes
 
-    # ---- what is asked ------------------------------------------------------------------------------------
+    # ---- requests -----------------------------------------------------------------------------------------
 
     def _areas(self) -> Iterator[Block]:
         if self.protocol.areas:
@@ -386,7 +386,7 @@ pre{background:#f6f8fa;padding:.6em;overflow:auto}svg{max-width:100%;height:auto
 
 
 def html(blocks: Sequence[Block]) -> str:
-    """One page with everything in it."""
+    """Return a single page with the whole document."""
     title = next((block.text for block in blocks if isinstance(block, Heading)), "")
     body = "\n".join(_as_html(block) for block in blocks)
     head = f'<meta charset="utf-8"><title>{_as_text(title)}</title><style>{_STYLE}</style>'

@@ -109,7 +109,7 @@ def write_definition(found: Guess, path: Path, source: str) -> Draft:
 
 
 def _not_read(kind: FrameKind, codec: Codec) -> Iterator[str]:
-    """Yield whether there are frames of a kind that the definition does not read, and the first of them."""
+    """Report the frames of a kind that the definition does not read: their number, and the first of them."""
     step = max(1, len(kind.frames) // MOST_READ)
     wrong = []
     for frame in kind.frames[::step]:
@@ -142,7 +142,7 @@ def _vectors_of(kind: FrameKind, codec: Codec, source: str) -> Iterator[str]:
 
 
 def _values(fields: Mapping[str, Any]) -> str:
-    """Values of a frame as vectors have them."""
+    """Return the values of a frame in the form of vectors."""
 
     def plain(value: Any) -> str:
         if isinstance(value, (bytes, bytearray)):
@@ -158,7 +158,7 @@ class NamedGuess:
     """`guess` and `draft` are as they are with all names; `path` is the definition's file, None if it has none."""
 
     def __init__(self, base: Guess, name: str, source: str, path: Path | None = None) -> None:
-        """The file has been written from this very guess. Raises DraftError."""
+        """Begin with a file that has been written from this guess. Raises DraftError."""
         self.path = path
         self.source = source
         self.namings: list[FieldNaming] = []
@@ -167,13 +167,13 @@ class NamedGuess:
         self._troubles = len(self.draft.problems)
 
     def give(self, naming: FieldNaming) -> None:
-        """Names bytes of all frames of a kind; names that they have already go. Raises NamingError."""
+        """Name bytes of all frames of a kind; overlapping earlier names are removed. Raises NamingError."""
         self._use(
             [*(one for one in self.namings if not overlaps(one, naming) and not self._shared(one, naming)), naming]
         )
 
     def forget(self, kind: str, offset: int) -> None:
-        """The bytes there have no name any more. Raises NamingError."""
+        """Remove the name of the bytes at an offset. Raises NamingError."""
         own = next((one for one in self.guess.kinds if one.name == kind), None)
         field = next((one for one in own.fields if one.wire and one.offset == offset), None) if own else None
         if field is None:
@@ -188,7 +188,7 @@ class NamedGuess:
         )
 
     def _shared(self, one: FieldNaming, new: FieldNaming) -> bool:
-        """Return whether an earlier name, given to the other side, is that of these bytes: a reply repeats its
+        """Return whether an earlier name, given to the other side, is for the same bytes: a reply repeats its
         request.
         """
         own = next((kind for kind in self.guess.kinds if kind.name == new.kind), None)

@@ -1,4 +1,4 @@
-"""What the API raises. Each error is also the standard library's for its case, so callers need not know these names."""
+"""Errors of the API. Each is also a subclass of the matching standard error, so callers need not know these names."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ class FramekitError(Exception):
 
 
 class RequestError(FramekitError, ValueError):
-    """What cannot be asked at all: an address, a value, a parameter, a station that does not fit. Nothing was sent."""
+    """An impossible request: an address, a value, a parameter or a station that does not fit. No request was sent."""
 
 
 class ExchangeError(FramekitError):
-    """An exchange that did not end well.
+    """An exchange that failed.
 
-    `outcome` is its name (`no_reply`, `refused` …, or one that the protocol gives), `error_code` framekit's code of
-    that, `cause` says more in words. `written` counts the elements that are known to be written all the same.
+    `outcome` is its name (`no_reply`, `refused` …, or an outcome of the protocol), `error_code` framekit's code of it,
+    `cause` a description. `written` counts the elements known to be written in spite of the failure.
     """
 
     def __init__(self, message: str, outcome: str = "", cause: str = "", written: int = 0) -> None:
@@ -39,18 +39,18 @@ class ExchangeError(FramekitError):
 
     @property
     def error_code(self) -> ErrorCode:
-        """framekit's code of the outcome (docs/error-codes.md)."""
+        """Return framekit's code of the outcome (docs/error-codes.md)."""
         from framekit.run.block_state import error_code
 
         return error_code(self.outcome)
 
 
 class NoReplyError(ExchangeError, TimeoutError):
-    """Nothing came in time, after all repeats, or something on the way says that there was no answer."""
+    """No reply came in time, after all repeats, or a station on the way reported that no answer came."""
 
 
 class ReplyError(ExchangeError):
-    """What came was damaged or does not fit the request; nothing of it is handed out."""
+    """The reply was damaged or does not fit the request; no part of it is used."""
 
 
 class RefusedError(ExchangeError):
@@ -67,7 +67,7 @@ class LineClosedError(ExchangeError, ConnectionError):
 
 
 def error_of(result: TransferResult, trouble: str = "") -> ExchangeError:
-    """What a failed transfer is. `trouble`: what a simulated device could not do meanwhile."""
+    """Return the error of a failed transfer. `trouble`: failure of a simulated device meanwhile."""
     from framekit.run.block_state import error_table
 
     more = f" – {trouble}" if trouble else ""

@@ -55,7 +55,7 @@ def signature(token: str, group: str, name: str, number: str, identity: str, fil
 
 
 def as_message(data: Mapping[str, Any]) -> bytes:
-    """Data as it is published."""
+    """Return data as a published message."""
     return json.dumps(data, ensure_ascii=False, allow_nan=False).encode(errors="backslashreplace")
 
 
@@ -127,7 +127,7 @@ TROUBLES = (
 """The lists of troubles in a health message, and the phrase for each list."""
 MOST_NAMED = 3
 MANY_WAITING = 1000
-"""So many waiting samples mean that a server is away, or slow."""
+"""Number of waiting samples from which a server counts as unavailable or slow."""
 
 
 def _others(some: list[Any]) -> str:
@@ -136,16 +136,16 @@ def _others(some: list[Any]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class GatewayAnswer:
-    """What became of a file that was rolled out to a gateway: `how` it was applied, or the problems.
-
-    `answered`: the gateway has said so itself.
-    """
+    """The answer of a gateway to a file that was rolled out."""
 
     gateway: str
     ok: bool
     how: str = ""
+    """How the file was applied."""
     problems: tuple[str, ...] = ()
+    """Problems of the file."""
     answered: bool = True
+    """Whether the gateway itself has answered."""
 
 
 class Fleet:
@@ -206,7 +206,7 @@ class Fleet:
     # ---- run files ----------------------------------------------------------------------------------------
 
     def roll(self, names: Iterable[str], file: bytes, token: str, within: float = 60.0) -> list[GatewayAnswer]:
-        """Roll a run file out to gateways, all at once, and return their answers within so many seconds.
+        """Roll a run file out to gateways, all at once, and return their answers within `within` seconds.
 
         Raises RequestError for a file that is too large or no text, before sending it.
         """
@@ -257,7 +257,7 @@ class Fleet:
         with self._state:
             self.connected = False
             members = list(self.members.values())
-            for member in members:  # nothing is known of them until the broker tells anew
+            for member in members:  # their state is unknown until the broker sends it again
                 member.online = False
         for member in members:
             self._changed(member.name)

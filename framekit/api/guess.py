@@ -1,7 +1,7 @@
-"""Unknown lines from Python: bytes of files, and what can be said of them.
+"""Unknown lines from Python: bytes of files, and statements about them.
 
-`heard` reads captures, hex text and pcap files of TCP or UDP; `guess` says what it can; `reading_of` goes on from a
-definition. `known_lines` tries the definitions that are there. What was found becomes YAML in `draft`.
+`heard` reads captures, hex text and pcap files of TCP or UDP; `guess` returns statements; `reading_of` decodes with a
+definition. `known_lines` tries the shipped definitions. `draft` writes the result as YAML.
 """
 
 from __future__ import annotations
@@ -111,9 +111,10 @@ def _of_text(path: Path, head: bytes) -> list[HeardBytes]:
 
 
 def seen_by(protocol: Protocol, chunks: Sequence[HeardBytes]) -> list[Seen]:
-    """What a definition makes of the bytes, in order.
+    """Return the frames, bad frames and noise that a definition finds in the bytes, in order.
 
-    Where they went two ways, the client's are those that went out; or those that came in, if it reads more of them so.
+    With two directions, the client's bytes are the sent ones; or the received ones, if the definition then reads more
+    of them.
     """
     both = len({chunk.direction for chunk in chunks}) > 1
     whole = sum(len(chunk.data) for chunk in chunks)
@@ -137,7 +138,7 @@ def listen(
     client: Literal["in", "out"] | None,
     monitor: Callable[[Seen], None],
 ) -> None:
-    """Lets a definition hear the bytes; where no time is known there is a second between two pieces."""
+    """Pass the bytes to a listener of a definition; bytes without a time are spaced by one second."""
     listener = Listener(protocol, compile_protocol(protocol), monitor, client=client)
     now = 0
     for number, chunk in enumerate(chunks):
@@ -151,7 +152,7 @@ def listen(
 
 
 class HeardPoint(NamedTuple):
-    """What a line told of one element of a device's memory: its address behind its station, and its values in turn."""
+    """An element of a device's memory as seen on a line: its address after its station, and its values in order."""
 
     name: str
     values: list[Any]
@@ -166,7 +167,9 @@ class HeardPoint(NamedTuple):
 
 
 def heard_points(name: str | Path, chunks: Sequence[HeardBytes]) -> list[HeardPoint]:
-    """What requests and replies of a definition say of the values in devices; nothing where they say none."""
+    """Return the values in devices that requests and replies of a definition carry; an empty list if they carry
+    none.
+    """
     protocol = load_protocol(name)
     found: dict[str, list[Any]] = {}
     with suppress(RequestError):
@@ -176,14 +179,17 @@ def heard_points(name: str | Path, chunks: Sequence[HeardBytes]) -> list[HeardPo
 
 
 class DefinitionReading(NamedTuple):
-    """What a definition makes of recordings: in words, and for programs."""
+    """The bytes of recordings read by a definition: in words, and for programs."""
 
     text: str
     data: dict[str, Any]
 
 
 def reading_of(name: str | Path, chunks: Sequence[HeardBytes]) -> DefinitionReading:
-    """What of a line is frames of a definition, what is noise or bad, and how fields behave. Raises DefinitionError."""
+    """Return frames, noise and bad frames of a line read by a definition, and the behaviour of fields.
+
+    Raises DefinitionError.
+    """
     seen = seen_by(load_protocol(name), chunks)
     counts = Counter(one.kind for one in seen)
     fields: dict[str, dict[str, list[Any]]] = defaultdict(lambda: defaultdict(list))
@@ -210,7 +216,7 @@ def reading_of(name: str | Path, chunks: Sequence[HeardBytes]) -> DefinitionRead
 
 
 def _behaviour(key: str, values: list[Any], columns: dict[str, list[Any]]) -> str:
-    """What all values of a field have in common, in words; '' for nothing."""
+    """Return the common property of all values of a field, in words; '' if none."""
     if len(values) < LEAST_FRAMES:
         return ""
     shown = {repr(value) for value in values}
@@ -234,7 +240,7 @@ SECOND = 1_000_000_000
 
 
 class NetworkCaptureError(ValueError):
-    """A file that holds no TCP or UDP, or cannot be read; the text says what to do."""
+    """Raised for a file that holds no TCP or UDP, or cannot be read; the text contains the remedy."""
 
 
 class _Packet(NamedTuple):
@@ -245,7 +251,7 @@ class _Packet(NamedTuple):
 
 
 def chunks_of_pcap(path: Path) -> list[HeardBytes]:
-    """The bytes of the connections in their order; what was sent again counts once. Who speaks first is `out`.
+    """Return the bytes of the connections in order, without repetitions; the side that sends first is `out`.
 
     Raises NetworkCaptureError.
     """

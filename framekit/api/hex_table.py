@@ -1,8 +1,8 @@
-"""The bytes of a recording as rows for people: each frame with its fields, what is between frames, and the values that
-bytes have in all frames of a kind.
+"""The bytes of a recording as rows for display: each frame with its fields, the bytes between frames, and the values
+that bytes have in all frames of a kind.
 
-Rows are made of a guess, or of what a definition reads. A row is cut into lines of a width; whoever shows it asks for a
-few lines at a time, and what that costs does not grow with the recording.
+Rows are made from a guess, or from frames that a definition reads. A row is cut into lines of a given width; a display
+requests a few lines at a time, at a cost that does not grow with the recording.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ from framekit.link.events import Seen
 NOISE = -1
 """The kind of a row that is no frame."""
 MOST_LOOKED = 10_000
-"""So many frames of a kind are looked at for the values of some bytes."""
+"""Largest number of frames of a kind that are examined for the values of some bytes."""
 LEAST_USUAL, MOST_USUAL = 1e-4, 1e7
-"""Floats of such a size are likely meant."""
+"""Range of floating-point numbers that are plausible."""
 LARGEST_SHOWN = 10**12
 """Larger numbers are shown by their first digits."""
 MOST_SPANS = 500
@@ -47,35 +47,41 @@ MOST_SPANNED = 1024
 
 
 class HexRow(NamedTuple):
-    """A frame without its stuffing, or what is between frames. `time` in ns, None where nothing tells it; `kind`: the
-    index of its kind, or NOISE; `fault`: why it is no good frame."""
+    """A frame without its stuffing, or the bytes between frames."""
 
     time: int | None
+    """Time in ns; None if unknown."""
     direction: Direction
     data: bytes
     kind: int
+    """Index of its kind, or NOISE."""
     fault: str = ""
+    """Reason why it is no good frame; '' for a good frame."""
 
 
 class HexSpan(NamedTuple):
-    """Bytes of a row that are one field: `shade` is what it is, `about` what is known of it, or its value."""
+    """Bytes of a row that form a field."""
 
     offset: int
     size: int
     name: str
     shade: str
+    """Category of the field, for its colour."""
     about: str
+    """Description of the field, or its value."""
 
 
 @dataclass(slots=True)
 class HexKind:
-    """Frames of one kind. `side`: client or server, '' if not known; `frame`: that of a definition which reads them;
-    `rows`: their numbers."""
+    """Frames of one kind."""
 
     name: str
     side: str
+    """client or server; '' if unknown."""
     frame: str = ""
+    """Name of the frame in a definition that reads them."""
     rows: list[int] = field(default_factory=list)
+    """Numbers of their rows."""
 
 
 class HexLine(NamedTuple):
@@ -86,7 +92,7 @@ class HexLine(NamedTuple):
 
 
 class TypedValues(NamedTuple):
-    """What bytes would be as a type: the least and the greatest value in all frames, and how many different ones."""
+    """Values of bytes as a type: the least and the greatest in all frames, and the number of different values."""
 
     type: str
     order: str
@@ -96,7 +102,7 @@ class TypedValues(NamedTuple):
 
 
 class PlaceValues(NamedTuple):
-    """What stands at a place of so many frames: how many different values, and what they would be as each type."""
+    """Values at a place of a number of frames: the number of different values, and their values as each type."""
 
     frames: int
     different: int
@@ -119,12 +125,12 @@ class HexTable:
             (self.others if row.kind == NOISE else kinds[row.kind].rows).append(number)
         self.began = next((row.time for row in rows if row.time is not None), None)
         self.longest_time = max((len(f"{self.seconds(row):.3f}") for row in rows if row.time is not None), default=0)
-        """Signs of the longest time; 0 where nothing tells times."""
+        """Number of characters of the longest time; 0 without times."""
         self._starts = lru_cache(MOST_KEPT)(self._starts_of)
         self._values = lru_cache(MOST_VALUES)(self._values_of)
 
     def use(self, spans_of: SpansOf) -> None:
-        """Fields are found by this from now on: they have got names."""
+        """Use another function for fields from now on, after names were given."""
         self._spans = lru_cache(MOST_SPANNED)(lambda number: tuple(spans_of(self.rows[number])[:MOST_SPANS]))
 
     def spans(self, number: int) -> tuple[HexSpan, ...]:
@@ -139,7 +145,7 @@ class HexTable:
         return starts[-1]
 
     def lines(self, kind: int | None, width: int, first: int, most: int) -> Iterator[HexLine]:
-        """Some lines, from one on."""
+        """Yield up to `most` lines, from line `first` on."""
         starts, chosen = self._starts(kind, width), self._chosen(kind)
         at = bisect_right(starts, first) - 1
         for number in range(first, min(first + most, starts[-1])):
@@ -204,17 +210,17 @@ class HexTable:
         return found
 
     def seconds(self, row: HexRow) -> float:
-        """When it came, from the first one on."""
+        """Return the time since the first row (s)."""
         return 0.0 if row.time is None or self.began is None else (row.time - self.began) / 1e9
 
 
 def _are_usual(numbers: Collection[float], of: int) -> bool:
-    """Whether floats are numbers as people write them: other bytes seldom give such a size."""
+    """Return whether all floats have a plausible size: arbitrary bytes seldom have it."""
     return len(numbers) == of and all(number == 0 or LEAST_USUAL <= abs(number) <= MOST_USUAL for number in numbers)
 
 
 def shown_as(type_: str, order: str, data: bytes) -> str:
-    """What bytes are as a type, as a cell has it."""
+    """Return bytes as a value of a type, formatted for a cell."""
     if type_ == "text":
         return shown_text(data)
     if type_ == "bits" and len(data) <= 2:
@@ -223,7 +229,7 @@ def shown_as(type_: str, order: str, data: bytes) -> str:
 
 
 def shown_number(number: int | float | None) -> str:
-    """Return a number as a cell has it."""
+    """Return a number formatted for a cell."""
     if number is None:
         return "-"
     return str(number) if isinstance(number, int) and abs(number) < LARGEST_SHOWN else f"{number:.6g}"
@@ -270,7 +276,7 @@ def guessed_table(found: Guess) -> HexTable:
 
 
 def guessed_spans(found: Guess) -> SpansOf:
-    """Finds the fields of a row in what is guessed, or named, by now."""
+    """Return a function that finds the fields of a row in the present guess with its names."""
 
     def spans(row: HexRow) -> list[HexSpan]:
         return [] if row.kind == NOISE else list(_placed(found.kinds[row.kind].fields, len(row.data)))
@@ -289,7 +295,7 @@ def _placed(fields: Sequence[GuessedField], size: int) -> Iterator[HexSpan]:
 
 
 def shade_of(one: GuessedField) -> str:
-    """What a field is, as a legend tells it."""
+    """Return the category of a field in the legend."""
     if one.wire:
         return "named"
     if one.name in ("start", "end", "mark"):
@@ -300,7 +306,10 @@ def shade_of(one: GuessedField) -> str:
 
 
 def rows_of(chunks: Sequence[HeardBytes], frames: Sequence[FramePlace], shared: int) -> list[HexRow]:
-    """The frames in their places, and what is between them. `shared`: bytes that two frames have in common."""
+    """Return the frames at their places, and the bytes between them.
+
+    `shared`: bytes that two adjacent frames may share.
+    """
     by_way: dict[Direction, list[FramePlace]] = defaultdict(list)
     for frame in frames:
         by_way[frame.direction].append(frame)
@@ -326,7 +335,7 @@ def rows_of(chunks: Sequence[HeardBytes], frames: Sequence[FramePlace], shared: 
 
 
 def _between(stream: PieceStream, begin: int, end: int, fault: str) -> Iterator[tuple[int, int, HexRow]]:
-    """What is no frame, piece by piece as it came."""
+    """Yield the bytes outside of frames, piece by piece as captured."""
     while begin < end:
         piece = stream.heard_at(begin)
         until = min(end, stream.heard[piece + 1] if piece + 1 < len(stream.heard) else end)
@@ -396,7 +405,7 @@ def _read_spans(
 
 
 def _shades(protocol: Protocol) -> dict[str, str]:
-    """What the fields of a definition are, by their names; those of no other kind are named."""
+    """Return the categories of the fields of a definition by name; fields without a special category are `named`."""
     found = {"const": "constant", "text": "constant", "skip": "constant", "check": "check"}
     for frame in protocol.frames.values():
         for one in everything(frame.segments):

@@ -1,7 +1,7 @@
-"""Definitions made of other programs' descriptions of protocols: which files are read, and what reads them.
+"""Definitions converted from other programs' descriptions of protocols: the formats and their readers.
 
 A format is one row of `FORMATS`. Its function takes the text of a file, the name of that file for messages, and the
-name of the protocol to be. It raises DefinitionError for a text that is no such description.
+name of the new protocol. It raises DefinitionError for a text that is no such description.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ MOST_BYTES = 1_000_000
 
 
 class ImportFormat(NamedTuple):
-    """`encoding`: what the bytes of such a file are; those that are not are told."""
+    """A format. `encoding`: encoding of its files; a file with invalid bytes is refused."""
 
     what: str
     encoding: str
@@ -62,6 +62,6 @@ def import_definition(path: Path, name: str) -> ImportedDefinition:
 
 
 def definition_beside(path: Path) -> Path:
-    """Where the definition made of a file goes: beside it, with a name that a protocol may have."""
+    """Return the path of the definition made from a file: in the same folder, with a name that a protocol may have."""
     name = re.sub(r"[^a-z0-9_-]+", "-", path.stem.lower()).strip("-")
     return path.with_name(f"{name}.yaml")

@@ -1,7 +1,8 @@
-"""Shipped protocols tried on an unknown line: those whose frames have checks, so that few others are taken for them.
+"""Shipped protocols tried on an unknown line: those whose frames have checks, so that other lines are seldom mistaken
+for them.
 
-To load and compile them all takes seconds. `frames/lines.json` says which have checks, and what their frames begin
-with; only those are loaded whose first bytes were heard. `python -m framekit.api.known_lines` writes it.
+Loading and compiling all of them takes seconds. `frames/lines.json` lists those with checks and the first bytes of
+their frames; only definitions whose first bytes occur are loaded. `python -m framekit.api.known_lines` writes it.
 """
 
 from __future__ import annotations
@@ -26,11 +27,13 @@ from framekit.link.frame_table import table_of
 
 INDEX = "lines.json"
 MOST_TRIED = 4096
-"""So many bytes are tried with each definition."""
+"""Number of bytes tried with each definition."""
 
 PIECES = 0.25
 FAR_MORE = 3.0
-"""So much of the pieces begin with the first bytes of a protocol; or these come so much more often than by luck."""
+"""Share of pieces that must begin with the first bytes of a protocol; or the factor by which these must exceed
+chance.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +50,7 @@ class KnownProtocol:
 def known_protocols(chunks: Sequence[HeardBytes]) -> list[KnownProtocol]:
     """Return the shipped definitions with checks that read nearly all of a line, the best first.
 
-    Of two that read as much, the one that stands on fewer files: others are made from it.
+    Of two that read the same amount, the definition based on fewer files comes first: others are derived from it.
     """
     few = _first_of(chunks, MOST_TRIED)
     index: dict[str, list[str]] = json.loads((shipped_folder("frames") / INDEX).read_text("utf-8"))
@@ -71,8 +74,9 @@ def known_protocols(chunks: Sequence[HeardBytes]) -> list[KnownProtocol]:
 
 
 def _may_be(starts: Sequence[str], chunks: Sequence[HeardBytes]) -> bool:
-    """Whether what the frames of a protocol begin with was heard often enough: one byte where pieces begin, or far more
-    often than it stands in any bytes."""
+    """Return whether the first bytes of a protocol occur often enough at the begin of pieces, or far more often than by
+    chance.
+    """
     if not starts:
         return False
     known = tuple(bytes.fromhex(start) for start in starts)
@@ -112,8 +116,10 @@ def _first_of(chunks: Sequence[HeardBytes], most: int) -> list[HeardBytes]:
 
 
 def starts_of(path: Path) -> list[str]:
-    """What the frames of a definition begin with, as hex digits, '' for any bytes; nothing where frames have no checks,
-    or do not stand on a line."""
+    """Return the first bytes of the frames of a definition, as hex digits; '' for any bytes.
+
+    The list is empty if frames have no checks, or do not occur on a line.
+    """
     protocol = load_protocol(path)
     if protocol.kind == "application":
         return []

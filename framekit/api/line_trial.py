@@ -1,16 +1,16 @@
-"""Finding the speed and format of a line by listening to it with one after the other, and how sure that is.
+"""Search for the speed and format of a line by listening with each of several, and the certainty of the result.
 
-What is heard with a wrong speed or format has framing and parity errors, in about half of its characters. So each
-character without one is evidence, and a damaged one speaks against; those that come again behind the same one say
-nothing new. Some things no device says: that the lowest bit of all characters is 0, or the eighth 1. They are the
-start bit and the rest of a line that is slower, or has a shorter format. And where eight bits always have the same
-parity, the eighth is that parity. Each value that has such a thing halves the chance of an accident. All evidence is
-counted in bits: 10 bits are odds of a thousand to one.
+With a wrong speed or format, about half of the characters have framing or parity errors. So each undamaged character is
+evidence, and a damaged character is counter-evidence; repetitions after the same character add none. Some regularities
+do not occur in real data: that the lowest bit of all characters is 0, or the eighth bit 1. They come from the start bit
+and the idle state of a line that is slower, or has a shorter format. If eight bits always have the same parity, the
+eighth is a parity bit. Each value with such a regularity halves the probability of chance. All evidence is counted in
+bits: 10 bits are odds of a thousand to one.
 
-Wrong speeds may still be heard without damage, above all where the right one is not among those tried. So the best are
-put to the test at twice their speed: there each bit has to come twice. Only what passes that is called sure.
+A wrong speed may still give undamaged characters, especially if the right speed is not among those tried. So the best
+are tested at twice their speed: there each bit must occur twice. Only a result that passes this test is called sure.
 
-Whether there are one or two stop bits cannot be heard.
+The number of stop bits, one or two, cannot be determined by listening.
 """
 
 from __future__ import annotations
@@ -34,37 +34,40 @@ FORMATS = "8N1,8E1,8O1,7E1,7O1,7N1"
 EACH = 2_000_000_000
 """How long each speed and format is listened to (ns)."""
 AGAIN = 4
-"""So many of the best are listened to once more, `LONGER` times as long, where the first time has not made it sure."""
+"""Number of best results that are tried again, `LONGER` times as long, if the first round gave no certain result."""
 LONGER = 4
 TESTED = 3
-"""So many speeds are put to the test at twice the speed."""
+"""Number of speeds tested at twice the speed."""
 
 DAMAGED_IF_RIGHT, DAMAGED_IF_WRONG = 0.01, 0.4
 CLEAN_BITS = log2((1 - DAMAGED_IF_RIGHT) / (1 - DAMAGED_IF_WRONG))
 DAMAGED_BITS = log2(DAMAGED_IF_RIGHT / DAMAGED_IF_WRONG)
 MOST_CONTEXTS = 200
-"""So many different characters and neighbours count; more make nothing surer."""
+"""Largest number of different pairs of adjacent characters that count as evidence."""
 TEXT = frozenset(range(0x20, 0x7F)) | frozenset(b"\r\n\t\x02\x03\x04\x05\x06\x15\x17")
 MOST_TEXT_BITS = 6.0
 
 SURE, LIKELY = 16.0, 5.0
-"""Bits of evidence, and bits before the next one, from which on it is sure, or likely."""
+"""Evidence (bits), as the lead over the next result, from which a result is sure, or likely."""
 PAIR_BITS = 10.0
-"""What the test at twice the speed adds."""
+"""Evidence from the test at twice the speed (bits)."""
 PAIRS_WANTED = 20
-"""So many characters show at least whether each bit comes twice."""
+"""Least number of characters that show whether each bit occurs twice."""
 ENOUGH, HOPELESS = 400, 80
-"""A listening ends early: after so many characters, or so many of which more than a third are damaged."""
+"""Numbers of characters after which a trial ends early: enough characters, or fewer of which more than a third are
+damaged.
+"""
 
 Certainty = Literal["sure", "likely", "unsure", "nothing fits", "silent"]
 
 
 @dataclass(slots=True)
 class HeardAt:
-    """What was heard with one speed and format. `problem`: why it could not be tried; `sees_damage`: see `Port`."""
+    """Characters received with one speed and format."""
 
     line: LineFormat
     sees_damage: bool = True
+    """See `Port`."""
     characters: int = 0
     damaged: int = 0
     text: int = 0
@@ -75,11 +78,12 @@ class HeardAt:
     paired: set[int] = field(default_factory=set)
     sample: bytes = b""
     problem: str = ""
+    """Reason why it could not be tried; '' if it was."""
     _before: int = -1
     _is_behind_clean: bool = True
 
     def add(self, data: bytes, faults: Iterable[CharacterFault] = ()) -> None:
-        """Characters that came."""
+        """Add received characters."""
         damaged = {fault.index for fault in faults if fault.fault is not LineFault.MARK}
         for index, value in enumerate(data):
             self._character(value, index in damaged)
@@ -87,7 +91,7 @@ class HeardAt:
             self.sample = (self.sample + data)[:16]
 
     def add_break(self) -> None:
-        """A break: zeros without an end."""
+        """Add a break: continuous zeros."""
         self._character(0, True)
 
     def _character(self, value: int, is_damaged: bool) -> None:
@@ -104,7 +108,9 @@ class HeardAt:
         self._before, self._is_behind_clean = value, not is_damaged
 
     def _look_for_pairs(self, value: int, is_damaged: bool) -> None:
-        """Whether each bit of the line comes twice; only a character behind a clean one begins where a bit does."""
+        """Count whether each bit of the line occurs twice; only a character after an undamaged one begins at a bit
+        boundary.
+        """
         if self._is_behind_clean and (value or not is_damaged):
             stop = 0 if is_damaged else 1
             halves = (value >> 1 ^ value >> 2) & 0b10101  # bits 1 and 2, 3 and 4, 5 and 6
@@ -116,13 +122,13 @@ class HeardAt:
 
     @property
     def is_doubled(self) -> bool | None:
-        """Whether the line has half the speed, or half of that; None where too little was heard to tell."""
+        """Return whether the line has half the speed, or a quarter; None if too few characters were received."""
         count = self.pairs + self.no_pairs
         return None if count < PAIRS_WANTED else self.pairs >= 0.9 * count and len(self.paired) >= 3
 
     @property
     def pair_bits(self) -> float:
-        """Evidence for half the speed."""
+        """Return the evidence for half the speed (bits)."""
         if self.is_doubled is None:
             return 0.0
         if self.is_doubled:
@@ -132,7 +138,7 @@ class HeardAt:
 
     @property
     def damaged_share(self) -> float:
-        """0 to 1."""
+        """Return the share of damaged characters, 0 to 1."""
         return self.damaged / self.characters if self.characters else 0.0
 
     @property
@@ -145,14 +151,14 @@ class HeardAt:
 
     @property
     def _text_bits(self) -> float:
-        """Most of what is heard with a wrong speed is no text."""
+        """Return the evidence from text (bits): characters received with a wrong speed are seldom text."""
         if self.text < 0.95 * self.characters or len(self.values) < 8:
             return 0.0
         return min(len(self.values) / 2, MOST_TEXT_BITS)
 
     @property
     def _parity_bits(self) -> float:
-        """How surely the eighth bit is a parity, in a format that does not say so."""
+        """Return the evidence that the eighth bit is a parity bit, in a format without parity (bits)."""
         if self.line.data_bits != 8:
             return 0.0
         odd = sum(value.bit_count() & 1 for value in self.values)
@@ -161,7 +167,9 @@ class HeardAt:
 
     @property
     def same_bits(self) -> float:
-        """Evidence against it by what no device says: all values even, or all of them with the eighth bit."""
+        """Return the counter-evidence (bits) from regularities: all values even, or all values with the eighth bit
+        set.
+        """
         count = len(self.values)
         odd, high = sum(value & 1 for value in self.values), sum(value >> 7 for value in self.values)
         found = max(0.0, count - 6.0 * odd)
@@ -170,7 +178,7 @@ class HeardAt:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What listening has come to. `ranking`: best first; `text`: a sentence; `bits`: the evidence for each."""
+    """Result of listening. `ranking`: best first; `text`: a sentence; `bits`: the evidence for each."""
 
     certainty: Certainty
     ranking: list[HeardAt]
@@ -184,7 +192,10 @@ class Verdict:
 
 
 def judge(heard: Iterable[HeardAt], doubles: Iterable[HeardAt] = ()) -> Verdict:
-    """Which speed and format it is, and how sure that is. `doubles`: what was heard at twice the speed of some."""
+    """Return the most likely speed and format, and the certainty.
+
+    `doubles`: characters received at twice the speed of some.
+    """
     tried = list(heard)
     tests = {one.line.speed: one for one in [*tried, *doubles] if is_for_pairs(one)}
 
@@ -227,16 +238,16 @@ def judge(heard: Iterable[HeardAt], doubles: Iterable[HeardAt] = ()) -> Verdict:
 
 
 def _other_speeds_heard(best: HeardAt, others: Iterable[HeardAt]) -> set[int]:
-    """With how many other speeds enough was heard to say that it is no text."""
+    """Return the other speeds with enough characters to exclude text."""
     return {one.line.speed for one in others if one.characters >= PAIRS_WANTED} - {best.line.speed}
 
 
 SPEEDS_WANTED = 3
-"""Where only text tells one speed from another, so many others have to be heard."""
+"""Number of other speeds required if only text distinguishes the speeds."""
 
 
 def is_for_pairs(one: HeardAt) -> bool:
-    """Whether bits that come twice can be seen in what was heard."""
+    """Return whether bits that occur twice can be detected in these characters."""
     return one.sees_damage and (one.line.data_bits, one.line.parity) == (8, "N")
 
 
@@ -246,9 +257,10 @@ def shown_share(one: HeardAt) -> str:
 
 
 class LineTrial(PortEvents):
-    """Listens to a port with each of `lines` for `each` ns; `on_end(verdict, why)` is told once, `why` of a lost port.
+    """Listens to a port with each of `lines` for `each` ns; `on_end(verdict, why)` is called once, `why` for a lost
+    port.
 
-    `told` gets each that has been listened to. The port is opened once and has speed and format changed.
+    `told` gets each result. The port is opened once, and its speed and format are changed.
     """
 
     def __init__(
@@ -276,11 +288,11 @@ class LineTrial(PortEvents):
         self._alarm = clock.alarm(self._ring)
 
     def start(self) -> None:
-        """Opens the port and begins."""
+        """Open the port and begin."""
         self._port.open(self)
 
     def stop(self) -> None:
-        """Ends with what has been heard so far."""
+        """End with the results so far."""
         self._end("")
 
     def _next(self) -> None:
@@ -316,7 +328,7 @@ class LineTrial(PortEvents):
         return [HeardAt(LineFormat(speed)) for speed in list(speeds)[:TESTED] if speed not in known]
 
     def _ring(self) -> None:
-        """What came before the change is over, or the time of this speed and format is."""
+        """Begin to count after the settling time of a change, or end the time of this speed and format."""
         if self._listens or self._now_at is None:
             self._done()
         else:
@@ -343,7 +355,7 @@ class LineTrial(PortEvents):
             self._on_end(judge(self.heard, self.doubles), why)
 
     def _look(self) -> None:
-        """Whether enough has been heard."""
+        """End the trial of this speed and format if enough characters were received."""
         heard = self._now_at
         if heard is not None and (
             heard.characters >= ENOUGH * (LONGER if self._round == 1 else 1)
@@ -367,7 +379,9 @@ class LineTrial(PortEvents):
             self._look()
 
     def closed(self, now: int, reason: str) -> None:
-        """A device that cannot have a speed or format is lost by that: it is opened again for the next one."""
+        """Handle the loss of the port: a device that does not support a speed or format is lost, and opened again for
+        the next.
+        """
         heard, self._now_at = self._now_at, None
         self._alarm.cancel()
         if heard is None or self._listens:
@@ -379,16 +393,17 @@ class LineTrial(PortEvents):
 
 
 SETTLING = 30_000_000
-"""What comes so soon after a change of speed was received before it (ns)."""
+"""Settling time (ns): characters within it after a change of speed were received before the change."""
 
 
 async def try_lines(
     url: str, lines: Sequence[LineFormat], *, each: int, told: Callable[[HeardAt], None],
     begun: Callable[[LineTrial], None],
 ) -> Verdict:  # fmt: skip
-    """Listens to a port with each of `lines`; `begun` is given what can be stopped.
+    """Listen to a port with each of `lines`; `begun` gets the trial, which can be stopped.
 
-    Raises RequestError for what is no port or has no speed, LineClosedError for one that cannot be opened or is lost.
+    Raises RequestError for an invalid port or a port without a speed, LineClosedError for a port that cannot be opened
+    or is lost.
     """
     clock = AsyncioClock(asyncio.get_running_loop())
     ended: asyncio.Future[tuple[Verdict, str]] = clock.loop.create_future()

@@ -1,6 +1,6 @@
 """The memory of a device or a run, read and written by address with the types of the API, from any thread.
 
-The owner of the memory says how something is done in the right thread. What is written, watches and triggers see.
+The owner of the memory provides the calls into the right thread. Watches and triggers see what is written.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Do = Callable[[Callable[[], Any]], Any]
 """Carries a function out where the memory is at home, and gives its result."""
 
 Soon = Callable[[Callable[[], None]], object]
-"""Carries a function out where the memory is at home, after what happens there now."""
+"""Function that executes a call in the memory's thread, after the present event."""
 
 
 class Memory:
@@ -39,7 +39,10 @@ class Memory:
     def read(
         self, address: str, count: int = 1, *, type: str | None = None, order: Order | None = None
     ) -> list[Any]:  # fmt: skip
-        """`count` values from an address on (a string is one value of so many characters). Raises RequestError."""
+        """Return `count` values from an address on (a string is a single value of `count` characters).
+
+        Raises RequestError.
+        """
         how = typed(self._grammar, address, type, order, count)
         first, bits, unit = self._place(how, address)
 
@@ -86,10 +89,10 @@ class Memory:
         self, address: str, callback: Callable[[list[Any]], None], count: int = 1, *, type: str | None = None,
         order: Order | None = None,
     ) -> MemoryWatch:  # fmt: skip
-        """Calls `callback(values)` when the values from an address on have changed, until `cancel`. RequestError.
+        """Call `callback(values)` when the values from an address on have changed, until `cancel`. Raises RequestError.
 
-        They are those that `read` gives. The call comes where the memory is at home, after the event that changed
-        them: changes until then are one call, with the last values, and what was changed back is none.
+        The values are those of `read`. The call comes in the memory's thread, after the event that changed them:
+        several changes until then give one call, with the last values, and a change that was undone gives none.
         """
         how = typed(self._grammar, address, type, order, count)
         first, bits, _ = self._place(how, address)
@@ -120,7 +123,7 @@ class Memory:
 
 
 class MemoryWatch:
-    """A place whose changes are told; made by `Memory.watch`."""
+    """A watched place; made by `Memory.watch`."""
 
     def __init__(
         self, read: Callable[[], list[Any]], callback: Callable[[list[Any]], None], do: Do, soon: Soon
@@ -134,21 +137,21 @@ class MemoryWatch:
         self._watch: Watch | None = None
 
     def begin(self, area: Area, first: int, bits: int) -> None:
-        """Watches so many bits from `first` on; what stands there now is known."""
+        """Watch `bits` bits from `first` on, starting from their present values."""
         self._told = self._read()
         word, words = first // 16, (first + bits + 15) // 16 - first // 16
         mask = ((1 << bits) - 1) << first % 16 if words == 1 else ALL_BITS
         self._watch = area.watch(word, words, self._changed, mask)
 
     def cancel(self) -> None:
-        """Tells nothing more. Twice does no harm."""
+        """End the calls. Calling twice has no effect."""
         if self._watch is not None:
             self._do(self._watch.cancel)
 
     def _changed(self, area: Area, word: int, words: int) -> None:
         if not self._due:
             self._due = True
-            with suppress(RuntimeError):  # the loop has ended: nothing happens there any more
+            with suppress(RuntimeError):  # the loop has ended: no further calls
                 self._soon(self._tell)
 
     def _tell(self) -> None:

@@ -1,4 +1,4 @@
-"""Lines without a run: monitors, the log of frames and what a display shows; captures decoded or sent again."""
+"""Lines without a run: monitors, the log of frames, the content of a display; decoding and replay of captures."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ from framekit.transport.simulated_line import SimulatedLine
 
 UNKNOWN = "unknown"
 KEPT = 10_000
-"""So many entries are kept; older ones are dropped and counted."""
+"""Largest number of kept entries; older entries are dropped and counted."""
 
 
 def result_of(protocol: Protocol, seen: Seen, role: str | None = None) -> str:
-    """Return the processing result: whose frame it is (protocol and side), or that it could not be processed.
+    """Return the processing result: protocol and side of the frame, or that it could not be processed.
 
-    `role` is the own one; without it (a monitor only listens) the side that sent it stands there.
+    `role` is the own role; without it (a monitor only listens) the sender's side is used.
     """
     if seen.kind in FAULTY:
         return UNKNOWN
@@ -82,7 +82,7 @@ class FrameFilter:
 
 
 def parse_filter(text: str, bad_only: bool) -> FrameFilter:
-    """`ch:1 frame:read text …`: a channel, a part of a frame's name, and what else is to be found."""
+    """Parse `ch:1 frame:read text …`: a channel, a part of a frame's name, and a text to be found."""
     channel: int | None = None
     frame, rest = "", []
     for word in text.split():
@@ -110,13 +110,13 @@ class FrameLog:
         self._entries: deque[FrameEntry] = deque(maxlen=kept)
 
     def know(self, channel: int, protocol: Protocol, role: str | None, params: Mapping[str, Any]) -> None:
-        """A channel: what it speaks."""
+        """Register a channel with its protocol."""
         self._channels[channel] = protocol, role, params
 
     def add(self, channel: int, seen: Seen) -> None:
-        """Takes what was seen on a channel."""
+        """Add an event of a channel."""
         self.last_number += 1
-        if seen.kind != "noise" or not seen.reason:  # what a bad frame left is part of that
+        if seen.kind != "noise" or not seen.reason:  # noise left by a bad frame is part of that frame
             self.counts[seen.kind] += 1
         if len(self._entries) == self._entries.maxlen:
             self.dropped += 1
@@ -124,11 +124,11 @@ class FrameLog:
         self._entries.append(FrameEntry(self.last_number, channel, seen, result_of(protocol, seen, role)))
 
     def protocol(self, channel: int) -> Protocol:
-        """What is spoken on a channel."""
+        """Return the protocol of a channel."""
         return self._channels[channel][0]
 
     def since(self, number: int, most: int = KEPT) -> list[FrameEntry]:
-        """Entries newer than a number, the last `most` of them, older first."""
+        """Return the entries newer than a number, the last `most` of them, older first."""
         found: list[FrameEntry] = []
         for entry in reversed(self._entries):
             if entry.number <= number or len(found) == most:
@@ -219,9 +219,9 @@ class _Listening:
 
 
 class LineMonitor:
-    """Tells `monitor` everything that goes over the line. Raises ParameterError for parameters that do not fit.
+    """Reports everything on the line to `monitor`. Raises ParameterError for parameters that do not fit.
 
-    `lost`: what is not in its capture, known after `stop`.
+    `lost`: data missing in its capture, known after `stop`.
     """
 
     def __init__(
@@ -272,7 +272,7 @@ class LineMonitor:
 
     @property
     def load(self) -> LineLoad:
-        """How busy the line is."""
+        """Return the load of the line."""
         return self._driver.load
 
     def watch_troubles(self, listener: Callable[[TroubleReport], None]) -> None:
@@ -285,7 +285,7 @@ class LineMonitor:
         self._driver.start()
 
     def stop(self) -> None:
-        """Closes the port; what is unfinished is told."""
+        """Close the port; unfinished frames are reported."""
         self._driver.stop()
         self.listener.ended(self.clock.now())
         if self._capture is not None:
@@ -295,7 +295,7 @@ class LineMonitor:
 
 @dataclass(frozen=True, slots=True)
 class LineOf:
-    """One line that is shown: what it is called, how it is doing (open, or why not), how busy it is."""
+    """A displayed line: its name, its state (open, or why not), and its load."""
 
     name: str
     state: Callable[[], str]
@@ -303,9 +303,9 @@ class LineOf:
 
 
 class LiveView:
-    """What a display shows of `lines`. `now` tells the time, `blocks` how the blocks are doing, where there are any.
+    """Content of a display. `now` returns the time, `blocks` the state of the blocks, if any.
 
-    `points`: the values as they are now, as rows of text; `troubles`: the present troubles, as sentences.
+    `points`: the present values, as rows of text; `troubles`: the present troubles, as sentences.
     """
 
     def __init__(
@@ -327,7 +327,7 @@ class LiveView:
 
     @property
     def elapsed(self) -> int:
-        """Since it began (ns)."""
+        """Return the time since the begin (ns)."""
         return self.now() - self.began
 
     def seconds(self, at: int) -> float:
@@ -336,9 +336,10 @@ class LiveView:
 
 
 class Replay(PortEvents):
-    """Sends what `events` say went in `direction`; `on_end(reason)` is told once, '' when everything has been sent.
+    """Sends the data that a capture has in `direction`; `on_end(reason)` is called once, '' when everything has been
+    sent.
 
-    `speed_up`: how many times faster than it was; None: each piece as soon as the one before it has left.
+    `speed_up`: factor of the speed; None: each piece as soon as the previous has left.
     """
 
     def __init__(
@@ -367,19 +368,19 @@ class Replay(PortEvents):
         return len(self._events)
 
     def start(self) -> None:
-        """Opens the port and begins."""
+        """Open the port and begin."""
         self.port.open(self)
 
     def stop(self) -> None:
-        """Ends it where it is."""
+        """End at once."""
         self._end("stopped")
 
     def _begun_at(self, event: LineEvent) -> int:
-        """When its first bit was on the line: received bytes have the time of their last."""
+        """Return the time of its first bit on the line: received bytes have the time of their last."""
         return event.at - (len(event.data) * self._character if event.direction == "in" else 0)
 
     def _next(self) -> None:
-        """Asks for the next piece at its time, or ends."""
+        """Schedule the next piece at its time, or end."""
         if self._over:
             return
         if self.pieces_sent >= len(self._events):
@@ -424,14 +425,14 @@ class Replay(PortEvents):
 PATIENCE = 500_000_000
 """How much longer than the bytes take the last of them may need (ns)."""
 SLOW = 1.25
-"""A line that takes so many times longer than its speed says does not run at that speed."""
+"""Factor by which a line may exceed the computed time before it counts as running at another speed."""
 
 PortMaker = Callable[[LineFormat], Port]
 
 
 @dataclass(slots=True)
 class LoopbackResult:
-    """What one speed and format came to. Times in ns; `problems` is empty when everything came back."""
+    """Result for one speed and format. Times in ns; `problems` is empty if everything returned."""
 
     line: LineFormat
     sent: int = 0
@@ -523,7 +524,7 @@ class _Trial(PortEvents):
         self._result.problems.append(reason)
         self._finish()
 
-    # ---- what it came to ----------------------------------------------------------------------------------
+    # ---- results ------------------------------------------------------------------------------------------
 
     def _finish(self) -> None:
         if self._over:
@@ -576,7 +577,10 @@ SIMULATED = "sim:loop"
 def decoder(
     path: Path, protocol: Protocol, *, line: LineFormat | None, params: Mapping[str, Any], client: Literal["in", "out"]
 ) -> CaptureDecoder:
-    """What decodes a capture. Raises CaptureError (a ValueError), RequestError for parameters that do not fit."""
+    """Return a decoder for a capture.
+
+    Raises CaptureError (a ValueError), RequestError for parameters that do not fit.
+    """
     try:
         return CaptureDecoder(path, protocol, line=line, params=params, client=client)
     except ParameterError as error:
@@ -604,9 +608,10 @@ async def replay(
     events: Iterable[LineEvent], url: str, line: LineFormat, *, direction: Literal["in", "out"],
     speed_up: float | None, waiting: Callable[[str], None], begun: Callable[[Replay], None],
 ) -> tuple[Replay, str]:  # fmt: skip
-    """Sends a capture on a port, or to the first that connects to it; why it ended, '' when all has been sent.
+    """Send a capture on a port, or to the first that connects to it; return the replay and the reason of its end.
 
-    `waiting` is told where to connect, `begun` is given the replay. Raises RequestError, LineClosedError.
+    The reason is '' if everything has been sent. `waiting` gets the address to connect to, `begun` the replay. Raises
+    RequestError, LineClosedError.
     """
     ended: asyncio.Future[str] = asyncio.get_running_loop().create_future()
     clock = AsyncioClock(asyncio.get_running_loop())
@@ -618,7 +623,7 @@ async def replay(
 
 
 async def _port_at(url: str, line: LineFormat, clock: AsyncioClock, waiting: Callable[[str], None]) -> Port:
-    """The port, not yet opened; where it is to be a listener, the first connection."""
+    """Return the port, not yet opened; for a listener, the first connection."""
     first: asyncio.Future[AcceptedPort] = clock.loop.create_future()
 
     def accepted(port: AcceptedPort) -> None:
@@ -646,7 +651,7 @@ async def _port_at(url: str, line: LineFormat, clock: AsyncioClock, waiting: Cal
 
 
 def loopback(url: str, lines: Sequence[LineFormat]) -> list[LoopbackResult]:
-    """Tests a port that is wired back to itself with each of `lines`. Raises RequestError for what is no port."""
+    """Test a port that is wired back to itself with each of `lines`. Raises RequestError for an invalid port."""
     if url != SIMULATED:
         return asyncio.run(_real_loopback(url, lines))
     clock = VirtualClock()
@@ -668,6 +673,8 @@ async def _real_loopback(url: str, lines: Sequence[LineFormat]) -> list[Loopback
 
 
 def written_over(capture: Path) -> Path | None:
-    """A file that a capture of that name would be written over, of one channel or of several; None where none is."""
+    """Return an existing file that a capture of that name would overwrite, of one channel or of several; None if none
+    exists.
+    """
     files = (capture, file_of_channel(capture, 1)) if capture.name else (capture,)
     return next((file for file in files if file.is_file()), None)

@@ -1,7 +1,7 @@
-"""The files that people begin with: the schemas for editors, and a package for a protocol of one's own.
+"""Initial files: the schemas for editors, and a package for a new protocol.
 
-There is a schema for a kind of file, or one that tells the kinds apart by their first key. Each stands alone: what the
-shipped schemas have in files of their own is in its `$defs`. A package is found by framekit when it is installed.
+A schema is for one kind of file, or for all kinds, selected by their first key. Each is self-contained: definitions of
+other shipped schemas are in its `$defs`. An installed package is found by framekit.
 """
 
 from __future__ import annotations
@@ -64,13 +64,13 @@ def _protocols_of(stem: str, whole: Schema) -> list[Schema]:
 
 
 def settings_of_vscode(path: Path) -> Schema:
-    """Settings that give YAML files the schema at a path; files of others it leaves alone."""
+    """Return settings that apply the schema at a path to YAML files; files of other kinds are not affected."""
     place = str(path) if path.is_absolute() else f"./{path.as_posix()}"
     return {"yaml.schemas": {place: ["*.yaml", "*.yml"]}}
 
 
 def _chosen(definitions: Schema) -> Schema:
-    """The kind by the key that only it begins with: the schema of that."""
+    """Return the schema that selects the kind by the key with which only that kind begins."""
     rules = []
     for key, kind in FIRST_KEYS.items():
         others = [{"required": [other]} for other in FIRST_KEYS if _goes_before(other, key, definitions)]
@@ -86,12 +86,12 @@ def _goes_before(other: str, key: str, definitions: Schema) -> bool:
 
 
 def _moved(part: Any, stem: str) -> Any:
-    """A schema with its definitions, and what refers to them, under names that all files may share."""
+    """Return a schema with its definitions and references under names that are unique across files."""
     if isinstance(part, list):
         return [_moved(item, stem) for item in part]
     if not isinstance(part, dict):
         return part
-    if "dependentSchemas" in part and "oneOf" in part:  # editors offer what stands in the alternatives themselves
+    if "dependentSchemas" in part and "oneOf" in part:  # editors offer the keys of the alternatives
         part = {key: value for key, value in part.items() if key not in ("dependentSchemas", "oneOf", "type")} | {
             "anyOf": list(part["dependentSchemas"].values())
         }
@@ -117,10 +117,10 @@ LONGEST_NAME = 40
 
 
 def new_protocol(name: str, folder: Path) -> list[Path]:
-    """Lays a package for the protocol `name` out in `folder`, which must not hold anything; the files in it.
+    """Create a package for the protocol `name` in `folder`, which must be empty; return its files.
 
-    They are a definition that runs (an example to write over), vectors, a simulated device, a test and a readme.
-    Raises RequestError for a name that cannot be one and for a folder that is in use; OSError.
+    They are a working definition (an example to replace), vectors, a simulated device, a test and a readme. Raises
+    RequestError for an invalid name and for a folder in use; OSError.
     """
     if not _NAME.fullmatch(name) or len(name) > LONGEST_NAME:
         what = f"'{name}' cannot name a protocol: small letters, digits and single hyphens, a letter first"

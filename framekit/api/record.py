@@ -1,4 +1,4 @@
-"""Recordings of lines that nothing is known of: bytes, times, damage and breaks, kept and shown."""
+"""Recordings of unknown lines: bytes, times, damage and breaks, stored and shown."""
 
 from __future__ import annotations
 
@@ -29,13 +29,14 @@ def clock_of_loop() -> Clock:
 
 
 WAYS: tuple[Way, Way] = ("in", "out")
-"""The direction that a recording gives the bytes of its first port, and those of its second."""
+"""Directions in a recording of the bytes of its first port, and of its second."""
 
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """Something on a wire (0: that of the first port). `begin`, `end` (ns): of its characters; equal where they take no
-    time.
+    """An event on a wire (0: that of the first port).
+
+    `begin`, `end`: times of its characters (ns); equal if they take no time.
     """
 
     wire: int
@@ -46,7 +47,7 @@ class Heard:
 
 @dataclass(slots=True)
 class WireCounts:
-    """What has come over one wire. `missing`: bytes that are not in the file; `stuck`: that were not passed on."""
+    """Counters of one wire."""
 
     bytes: int = 0
     framing: int = 0
@@ -54,10 +55,12 @@ class WireCounts:
     overruns: int = 0
     breaks: int = 0
     missing: int = 0
+    """Bytes that are missing in the file."""
     stuck: int = 0
+    """Bytes that were not passed on."""
 
     def count(self, event: LineEvent) -> None:
-        """One more event."""
+        """Count an event."""
         self.bytes += len(event.data)
         self.breaks += event.kind == "break"
         for fault in event.faults:
@@ -87,7 +90,7 @@ class _Wire:
         self._waiting = 0
 
     def _event(self, event: LineEvent) -> list[Command]:
-        """In a capture received bytes have the time of their last one, sent ones that of their first."""
+        """Report an event: in a capture received bytes have the time of their last, sent bytes that of their first."""
         line = self.port.settings if self.port.has_bit_times else None
         duration = 0 if line is None else len(event.data) * line.character_time
         begin, end = max(event.at - duration, min(self._free, event.at)), event.at
@@ -110,7 +113,7 @@ class _Wire:
         return self._event(LineEvent("closed", now, reason=reason))
 
     def send(self, data: bytes) -> bool:
-        """Sends what the other wire has heard; whether there is a place for it."""
+        """Send the bytes of the other wire; return whether there was room for them."""
         if not self.is_open or self._waiting >= MOST_PASSED:
             return False
         self._waiting += len(data)
@@ -132,7 +135,7 @@ class _Wire:
         return self._event(LineEvent("control", now, self._way, lines=dict(lines)))
 
     def hear_marks(self) -> None:
-        """Mark come with the characters."""
+        """Note that characters carry marks."""
 
     def other_sender(self, now: int) -> list[Command]:
         return []
@@ -146,12 +149,12 @@ class _Wire:
 
 
 class Recorder:
-    """Records one port, or two that hear the two directions of one line. A lost port is opened again.
+    """Records one port, or two that receive the two directions of one line. A lost port is opened again.
 
-    It sends nothing. But `through` stands between two: what comes at one leaves at the other.
+    It sends no data, except with `through`: then it forwards the bytes of each port to the other.
 
-    `show` is told of everything, `on_state` of a port's number and how it is doing. In the capture the bytes of the
-    first port are received ones, those of the second sent ones. `problems`: what the file lacks, known after `stop`.
+    `show` gets every event, `on_state` the number and the state of a port. In the capture the bytes of the first port
+    are received ones, those of the second sent ones. `problems`: data missing in the file, known after `stop`.
     """
 
     def __init__(
@@ -203,7 +206,7 @@ class Recorder:
 
     @property
     def loads(self) -> list[LineLoad]:
-        """How busy each wire is."""
+        """Return the load of each wire."""
         return [driver.load for driver in self._drivers]
 
     def watch_troubles(self, listener: Callable[[TroubleReport], None]) -> None:
@@ -217,7 +220,7 @@ class Recorder:
             driver.start()
 
     def stop(self) -> None:
-        """Closes the ports, and the file when all is in it."""
+        """Close the ports, and the file once it is complete."""
         for driver, wire in zip(self._drivers, self.wires, strict=True):
             driver.stop()
             wire.closed(self.clock.now())
@@ -243,7 +246,7 @@ class Recorder:
         self._show(heard)
 
     def _keep(self, capture: Capture, heard: Heard) -> None:
-        """Where a slow disk has left something out the file says so: as if the line was closed and opened there."""
+        """Write an event; a gap caused by a slow disk is marked as if the line was closed and opened there."""
         if self._missing and not self._tell_missing():
             self.wires[heard.wire].counts.missing += len(heard.event.data)
         elif not capture.write(1, heard.event):
@@ -266,7 +269,7 @@ WIDTH = 16
 """Bytes of a row."""
 ARROWS = ("←", "→")
 MARKS = {LineFault.FRAMING: "!", LineFault.PARITY: "?", LineFault.OVERRUN: "+", LineFault.MARK: "'"}
-"""What stands behind a damaged or marked character."""
+"""Marks after a damaged or marked character."""
 LEGEND = "behind a character: ! framing error, ? parity error, + characters lost before it, ' ninth bit set"
 SHORTEST_PAUSE = 5_000_000
 PAUSE_WITHOUT_SPEED = 20_000_000
@@ -274,16 +277,16 @@ PAUSE_CHARACTERS = 5
 
 
 def usual_pause(line: LineFormat | None) -> int:
-    """From which pause on bytes stand in a new row (ns): shorter ones are often made by the operating system."""
+    """Return the pause (ns) from which bytes begin a new row: shorter pauses are often made by the operating system."""
     if line is None:
         return PAUSE_WITHOUT_SPEED
     return max(SHORTEST_PAUSE, PAUSE_CHARACTERS * line.character_time)
 
 
 class ByteRows:
-    """Makes rows of what is heard; a row ends after a `pause` (ns), when it is full, and where the direction changes.
+    """Makes rows of received bytes; a row ends after a `pause` (ns), when it is full, and when the direction changes.
 
-    `deadline`: when the row under way ends if nothing comes. Times are shown in seconds since `began`.
+    `deadline`: when the present row ends without further bytes. Times are shown in seconds since `began`.
     """
 
     def __init__(self, began: int, pause: int) -> None:
@@ -328,7 +331,7 @@ class ByteRows:
         return rows
 
     def end_row(self) -> list[str]:
-        """The row under way, if there is one."""
+        """Return the present row, if any, and end it."""
         self.deadline = NEVER
         if not self._row:
             return []
@@ -337,7 +340,7 @@ class ByteRows:
         return [f"{self._head} {shown:<{3 * WIDTH}} {ascii_of(bytes(byte for byte, _ in row))}"]
 
     def _pause_before(self, begin: int) -> int:
-        """The pause before what begins then, if it is long enough to be shown (ns)."""
+        """Return the pause before an event at `begin` if it is long enough to be shown (ns), else 0."""
         pause = 0 if self._last is None else begin - self._last
         return pause if pause >= self._pause else 0
 
@@ -348,7 +351,10 @@ class ByteRows:
 
 
 def heard_data(heard: Heard, began: int) -> dict[str, Any]:
-    """The same for programs, without what is empty. `time`: seconds from `began` until the last byte was complete."""
+    """Return an event for programs, without empty values.
+
+    `time`: seconds from `began` until the last byte was complete.
+    """
     event = heard.event
     line = {
         "event": event.kind,
@@ -368,10 +374,11 @@ MOST_WAITING = 1 << 20
 
 
 class ByteView:
-    """Shows what is heard: as `rows`, or without them as an object a line, in seconds since `began`.
+    """Shows events: as `rows`, or without them as an object a line, in seconds since `began`.
 
-    `write` is called in a thread: a terminal that stands still, or a slow reader, holds up nothing; it misses rows,
-    and is told so. `on_error` is told, in that thread, when nothing can be written any more; `error` is why.
+    `write` is called in a thread: a blocked terminal or a slow reader delays no work; it misses rows, and gets a
+    message with their number. `on_error` is called in that thread when writing has become impossible; `error` is the
+    reason.
     """
 
     def __init__(
@@ -394,7 +401,7 @@ class ByteView:
         return self._behind.error
 
     def show(self, heard: Heard) -> None:
-        """One thing heard."""
+        """Show an event."""
         if self._rows is None:
             self._tell([json.dumps(heard_data(heard, self._began), ensure_ascii=False)])
         else:
@@ -419,7 +426,7 @@ class ByteView:
                 self._left_out = 1
 
     def close(self) -> None:
-        """Shows what is unfinished, and returns when all is shown."""
+        """Show unfinished rows, and return when everything is shown."""
         self._ring()
         self._alarm.cancel()
         self._behind.close()

@@ -49,13 +49,11 @@ from framekit.service.state import StateError
 from framekit.transport.clock import AsyncioClock, Clock, VirtualClock
 
 MOST_WORDS = 12
-"""So many words of a place are read."""
+"""Largest number of words of a place that are read."""
 
 
 def stored_words(service: RunService) -> list[tuple[str, str]]:
-    """Return the places that blocks have put something into, and the words that stand there, as many as are easily
-    read.
-    """
+    """Return the places that blocks have stored data in, and their words, up to `MOST_WORDS`."""
     found = []
     for state in service.states.values():
         for place, bits in _stored_by(service, state.block) if state.done else ():
@@ -69,7 +67,7 @@ def stored_words(service: RunService) -> list[tuple[str, str]]:
 
 
 def _stored_by(service: RunService, block: Block) -> Iterable[tuple[OwnPlace, int]]:
-    """Where a block puts what it brings, and how many bits that are; points are shown by themselves."""
+    """Yield the places where a block stores its data, with the number of bits; points are shown separately."""
     if block.set == POINTS_SET:
         return ()
     frames = service.channels[block.channel].channel.protocol.frames if block.frame is not None else {}
@@ -83,7 +81,10 @@ _WHOLE = re.compile(r"(enable|disable)\s+(set|channel)\s+([0-9]+)")
 
 
 def carry_out(service: RunService, line: str) -> None:
-    """Carries one line out; empty ones and those that begin with # do nothing. Raises ValueError with a sentence."""
+    """Execute a control line; empty lines and lines that begin with # have no effect.
+
+    Raises ValueError with a sentence.
+    """
     words = line.split("#")[0].strip().lower()
     if whole := _WHOLE.fullmatch(words):
         switch = service.enable_set if whole[2] == "set" else service.enable_channel
@@ -109,10 +110,10 @@ INTERVAL = 1.0
 
 
 class FileWatch:
-    """Loads the run of `path` anew when its content has changed, or when `look_now` is called.
+    """Loads the run of `path` again when its content has changed, or when `look_now` is called.
 
-    `changed` gets the run; what it raises as DefinitionError or ValueError, and what is wrong with the file, goes to
-    `refused`. One content is tried once, and is then `tried`; `known` is the one that the run began with.
+    `changed` gets the run; its DefinitionError or ValueError, and problems of the file, are passed to `refused`. Each
+    content is tried once, and is then `tried`; `known` is the content that the run began with.
     """
 
     def __init__(
@@ -129,11 +130,11 @@ class FileWatch:
         self.tried = self._seen = known
 
     def look_now(self) -> None:
-        """Loads the file as it is, changed or not."""
+        """Load the file now, changed or not."""
         self._asked.set()
 
     async def watch(self) -> None:
-        """Goes on until it is cancelled."""
+        """Watch the file until the task is cancelled."""
         while True:
             try:
                 await asyncio.wait_for(self._asked.wait(), INTERVAL)
@@ -155,7 +156,7 @@ class FileWatch:
 
 
 def content_of(path: Path) -> bytes | None:
-    """None: it cannot be read now, which an editor that replaces files may cause for a moment."""
+    """Return the content; None if it cannot be read now, as during the replacement by an editor."""
     try:
         return path.read_bytes()
     except OSError:
@@ -163,24 +164,24 @@ def content_of(path: Path) -> bytes | None:
 
 
 def reasons(error: ValueError) -> list[str]:
-    """Why an edit was refused, one sentence each, with places in files where there are any."""
+    """Return the reasons why an edit was refused, one sentence each, with places in files if known."""
     if isinstance(error, DefinitionError):
         return [str(problem) for problem in error.problems if not problem.warning]
     return [str(error)]
 
 
 OnBlockEnd = Callable[[BlockStatus, bool], None]
-"""Told of every completion of a block: its status then, and whether it ended well."""
+"""Callback for every completion of a block: its status, and whether it succeeded."""
 OnSeen = Callable[[int, Seen], None]
-"""Told of everything on the lines: the channel's number, and what was seen."""
+"""Callback for everything on the lines: the channel's number, and the event."""
 
 
 class RunCalls:
-    """A run that has been loaded. Callbacks come after what they tell of is complete, one after the other.
+    """A loaded run. Callbacks come after the complete event, one after the other.
 
-    `monitor` gets what `on_seen` gets, but at once, from inside of what happens: it calls nothing here; a tape gets it
-    as records. `capture` is a file for what goes over the lines; `lost` says after the end what is not in there.
-    `on_channel` is told of channels that come later, and of those that an edit changes.
+    `monitor` gets the same events as `on_seen`, but at once, in the middle of the event: it must not call the run; a
+    tape gets them as records. `capture` is a file for the traffic of the lines; `lost` lists after the end the data
+    missing in it. `on_channel` is called for channels that are added later, and for those that an edit changes.
     """
 
     def __init__(
@@ -214,7 +215,7 @@ class RunCalls:
             raise RequestError(str(error)) from None
 
     def _captures(self, path: Path | None) -> Capture | None:
-        """Raises OSError."""
+        """Open the capture. Raises OSError."""
         if path is None:
             return None
         try:
@@ -224,7 +225,7 @@ class RunCalls:
             raise
 
     def _tap(self, number: int, channel: ChannelService) -> None:
-        """Put the capture around the port of a channel; one that came later has no place in it."""
+        """Put the capture around the port of a channel; a channel added later is not captured."""
         if self._capture is None:
             return
         if number in self._captured:
@@ -233,7 +234,7 @@ class RunCalls:
             self.lost.append(f"channel {number} came later: it is not in the capture")
 
     def _came(self, number: int, channel: ChannelService) -> None:
-        """A channel that an edit has brought or changed, or that jobs wanted."""
+        """Handle a channel that an edit added or changed, or that jobs requested."""
         self.on_channel(number)
         self._tap(number, channel)
 
@@ -267,7 +268,7 @@ class RunCalls:
             self._service.sinks.open()
 
     def _finish(self) -> None:
-        """Ends the run for good; what it keeps is written and let go of."""
+        """End the run for good; stored data is written and its files are closed."""
         if not self._over:
             self._over = True
             if self.running or not self._started:
@@ -278,17 +279,17 @@ class RunCalls:
     # ---- from outside -------------------------------------------------------------------------------------
 
     def status(self) -> RunStatus:
-        """How the run and its channels and blocks are doing now."""
+        """Return the state of the run and its channels and blocks."""
         found: RunStatus = self._do(lambda: run_status(self._service))
         return found
 
     def stored(self) -> list[tuple[str, str]]:
-        """Places of the own memory that blocks have put something into, with the words there, as many as are read."""
+        """Return the places of the own memory that blocks have stored data in, with their words, up to a limit."""
         found: list[tuple[str, str]] = self._do(lambda: stored_words(self._service))
         return found
 
     def published(self) -> dict[int, dict[str, Any]]:
-        """What the protocol of each channel publishes."""
+        """Return the published variables of the protocol of each channel."""
         found: dict[int, dict[str, Any]] = self._do(
             lambda: {number: channel.engine.status() for number, channel in self._service.channels.items()}
         )
@@ -299,30 +300,30 @@ class RunCalls:
         return {number: _line_of(channel) for number, channel in self._service.channels.items()}
 
     def channel(self, number: int) -> Channel:
-        """What a channel is: one of the run, or one that jobs wanted."""
+        """Return a channel of the run, or one that jobs requested."""
         return self._service.channels[number].channel
 
     def control(self, line: str) -> None:
-        """Carries out a line such as `fire 3` or `disable set 2`. Raises RequestError."""
+        """Execute a control line such as `fire 3` or `disable set 2`. Raises RequestError."""
         self._ask(lambda: carry_out(self._service, line))
 
     def _ask(self, action: Callable[[], object]) -> None:
-        """Does what the run may refuse. Raises RequestError."""
+        """Execute an action that the run may refuse. Raises RequestError."""
         try:
             self._do(action)
         except ValueError as error:
             raise RequestError(str(error)) from None
 
     def edit(self, run: RunModel, applied: Callable[[Edit], None] = lambda edit: None) -> None:
-        """Applies an edited run once no exchange runs on the channels it touches; `applied` is called then.
+        """Apply an edited run once no exchange runs on the affected channels; then call `applied`.
 
-        Raises DefinitionError with the reasons when it cannot be, ValueError for a port of no known kind: then nothing
-        changes.
+        Raises DefinitionError with the reasons if it cannot be applied, ValueError for a port of no known kind; in both
+        cases the run is not changed.
         """
         self._do(lambda: self._service.edit(run, applied))
 
     def each(self, period: int, call: Callable[[], None]) -> None:
-        """Call back every so many ns of the run's time, while it goes on."""
+        """Call back every `period` ns of the run's time, while it runs."""
 
         def go_on() -> None:
             if self.running:
@@ -332,7 +333,7 @@ class RunCalls:
         self._do(lambda: self._clock.call_at(self.began + period, go_on))
 
     def later(self, delay: int, call: Callable[[], None]) -> None:
-        """Call back once, so many ns later, for a look that changes no time of the run; call it from a callback."""
+        """Call back once, after `delay` ns, without effect on the time of the run; use it from a callback."""
         self._clock.look_at(self._clock.now() + delay, call)
 
     @property
@@ -369,18 +370,18 @@ class RunCalls:
 
     @property
     def never_open(self) -> list[str]:
-        """Channels whose ports could not be opened at any time since the start, each with the reason."""
+        """Return the channels whose ports could never be opened since the start, each with the reason."""
         found: list[str] = self._do(lambda: self._service.never_open)
         return found
 
     @property
     def blocks(self) -> list[BlockStatus]:
-        """How every block is doing now, with its counters."""
+        """Return the state of every block, with its counters."""
         found: list[BlockStatus] = self._do(self._service.status)
         return found
 
     def block(self, number: int) -> BlockStatus:
-        """How one block is doing now. Raises RequestError for a number there is not."""
+        """Return the state of a block. Raises RequestError for an unknown number."""
         self._known(number)
         return next(status for status in self.blocks if status.id == number)
 
@@ -389,29 +390,32 @@ class RunCalls:
         self._ask(lambda: self._service.fire(number))
 
     def enable(self, number: int, on: bool = True) -> None:
-        """Switches a block on, or with `on=False` off; what runs ends as it does. Raises RequestError."""
+        """Switch a block on, or with `on=False` off; a running exchange ends normally. Raises RequestError."""
         self._ask(lambda: self._service.enable(number, on))
 
     def disable(self, number: int) -> None:
-        """Switches a block off: its triggers do nothing. Raises RequestError."""
+        """Switch a block off: its triggers have no effect. Raises RequestError."""
         self.enable(number, False)
 
     def enable_set(self, number: int, on: bool = True) -> None:
-        """Switches a parameter set on – its time triggers count from now – or off. Raises RequestError."""
+        """Switch a parameter set on – its time triggers count from now – or off. Raises RequestError."""
         self._ask(lambda: self._service.enable_set(number, on))
 
     def enable_channel(self, number: int, on: bool = True) -> None:
-        """Opens the port of a channel, or closes it: what runs there fails, what is due waits. Raises RequestError."""
+        """Open the port of a channel, or close it: running exchanges fail, due blocks wait. Raises RequestError."""
         self._ask(lambda: self._service.enable_channel(number, on))
 
     def reset(self) -> None:
-        """As after the start: counters at zero, triggers afresh, the first scan again. Memory stays as it is."""
+        """Reset to the state after the start: counters at zero, triggers afresh, the first scan again.
+
+        Memory stays unchanged.
+        """
         self._do(self._service.reset)
 
     # ---- waiting ------------------------------------------------------------------------------------------
 
     def _listen(self, number: int | None, told: Callable[[BlockStatus], None]) -> Callable[[], None]:
-        """Tells of completions of a block, or of any; what is given ends that."""
+        """Report completions of a block, or of any; the returned function ends that."""
 
         def listen(status: BlockStatus, ok: bool) -> None:
             if number in (None, status.id):
@@ -461,7 +465,7 @@ class RunCalls:
 
     @property
     def memory(self) -> Memory:
-        """The own memory; what is written there triggers see."""
+        """Return the own memory; triggers see what is written to it."""
         service = self._service
         return Memory(service.memory, service.grammar, self._do, self._clock.call_soon, service.refresh)
 
@@ -488,7 +492,7 @@ def _line_of(channel: ChannelService) -> LineOf:
 
 
 def view_of(run: RunCalls, log: FrameLog) -> LiveView:
-    """What a display shows of a run that has not been started yet, whose monitor is `log.add`."""
+    """Return the view of a run that has not been started yet, whose monitor is `log.add`."""
     lines = run.lines()
     before = run.on_channel
 
@@ -497,7 +501,7 @@ def view_of(run: RunCalls, log: FrameLog) -> LiveView:
         log.know(number, model.protocol, model.role, model.params)
 
     def came(number: int) -> None:
-        """A channel that an edit has brought or changed, or that jobs wanted."""
+        """Handle a channel that an edit added or changed, or that jobs requested."""
         before(number)
         know(number)
         lines[number] = run.lines()[number]
@@ -523,7 +527,7 @@ def loaded(run: str | Path | RunModel) -> RunModel:
 
 
 def reads_only(run: RunModel) -> RunModel:
-    """The same run, in which clients may write nothing. Raises DefinitionError where it could write into a device."""
+    """Return the run with read-only access for clients. Raises DefinitionError if it could write into a device."""
     return only_reading(run)
 
 
@@ -559,14 +563,17 @@ class Run(RunCalls, Stopping):
         self._end = weakref.finalize(self, _end, thread, self._service)
 
     def start(self) -> None:
-        """Opens the ports and arms the triggers. Raises RequestError if it was stopped before."""
+        """Open the ports and arm the triggers. Raises RequestError if it was stopped before."""
         try:
             self._thread.do(self._begin)
         except LoopStoppedError:
             raise RequestError("a run is started once – make a new one") from None
 
     def stop(self) -> None:
-        """No block starts any more; open sessions are closed, for 5 s at most, then the ports. Twice does nothing."""
+        """Stop: no further block starts; open sessions are closed, for 5 s at most, then the ports.
+
+        Stopping twice has no effect.
+        """
         self._end()
 
     def next_end(self, number: int | None = None, *, timeout: float | None = None) -> BlockStatus:
@@ -576,7 +583,7 @@ class Run(RunCalls, Stopping):
         return self._wait(number, False, timeout)
 
     def carry_out(self, number: int, *, timeout: float | None = None) -> BlockStatus:
-        """Makes a block due by hand, and gives its status when it has ended. Raises RequestError, NoReplyError."""
+        """Make a block due by hand, and return its status when it has ended. Raises RequestError, NoReplyError."""
         self._able(number)
         return self._wait(number, True, timeout)
 
@@ -588,7 +595,7 @@ class Run(RunCalls, Stopping):
 
 
 def _end(thread: LoopThread, service: RunService) -> None:
-    """Closes the ports and ends the thread; at the program's end for a run that has not been stopped."""
+    """Close the ports and end the thread; called at the program's end for a run that has not been stopped."""
     try:
         if service.running:
             thread.wait(leave(service))
@@ -602,8 +609,7 @@ def _end(thread: LoopThread, service: RunService) -> None:
 class VirtualRun(RunCalls, Stopping):
     """A run file on simulated time, for tests: its channels have `sim:` ports, and an hour passes in a moment.
 
-    Nothing happens by itself: `run_for` lets time pass. `with` starts and stops it. What a callback raises comes out of
-    `run_for`.
+    Time passes only in `run_for`. `with` starts and stops the run. `run_for` raises the errors of callbacks.
     """
 
     def __init__(
@@ -614,11 +620,11 @@ class VirtualRun(RunCalls, Stopping):
         super().__init__(loaded(run), self._virtual, lambda action: action(), on_end, on_seen, monitor, capture)
 
     def start(self) -> None:
-        """Opens the ports and arms the triggers. Raises RequestError after the stop."""
+        """Open the ports and arm the triggers. Raises RequestError after the stop."""
         self._begin()
 
     def stop(self) -> None:
-        """No block starts any more; open sessions are closed, for 5 s of its time at most."""
+        """Stop: no further block starts; open sessions are closed, for 5 s of its time at most."""
         if self.running:
             left: list[bool] = []
             self._service.finish(lambda: left.append(True))
@@ -627,15 +633,15 @@ class VirtualRun(RunCalls, Stopping):
         self._finish()
 
     def run_for(self, time: str | float) -> None:
-        """Lets time pass: `"10 s"`, `"24 h"`, or a number of seconds. Starts the run unless it has been started."""
+        """Let time pass: `"10 s"`, `"24 h"`, or a number of seconds. Start the run unless it has been started."""
         if not self.running:
             self.start()
         self._virtual.run_for(nanoseconds(time))
 
     def carry_out(self, number: int, *, within: str | float = "1 min") -> BlockStatus:
-        """Makes a block due by hand and lets time pass until it has ended; its status then.
+        """Make a block due by hand and let time pass until it has ended; return its status.
 
-        Raises RequestError, NoReplyError when that takes longer than `within`.
+        Raises RequestError, NoReplyError if that takes longer than `within`.
         """
         self._able(number)
         ended: list[BlockStatus] = []
@@ -667,15 +673,18 @@ class AsyncRun(RunCalls):
         super().__init__(loaded(run), clock, lambda action: action(), on_end, on_seen, monitor, capture)
 
     def start(self) -> None:
-        """Opens the ports and arms the triggers. Raises RequestError after the stop."""
+        """Open the ports and arm the triggers. Raises RequestError after the stop."""
         self._begin()
 
     def stop(self) -> None:
-        """No block starts any more; ports are closed at once, whatever is under way."""
+        """Stop: no further block starts; ports are closed at once, even during exchanges."""
         self._finish()
 
     async def finish(self) -> None:
-        """No block starts any more; open sessions are closed, for 5 s at most, then the ports. `async with` does so."""
+        """Stop: no further block starts; open sessions are closed, for 5 s at most, then the ports.
+
+        `async with` does so.
+        """
         if self.running:
             await leave(self._service)
         self._finish()
@@ -695,6 +704,6 @@ class AsyncRun(RunCalls):
         return await self._end_of(number, False, timeout)
 
     async def carry_out(self, number: int, *, timeout: float | None = None) -> BlockStatus:
-        """Makes a block due by hand, and gives its status when it has ended. Raises RequestError, NoReplyError."""
+        """Make a block due by hand, and return its status when it has ended. Raises RequestError, NoReplyError."""
         self._able(number)
         return await self._end_of(number, True, timeout)

@@ -35,7 +35,7 @@ from framekit.transport.schemes import scheme_of
 
 @dataclass(frozen=True, slots=True)
 class ServedDevice:
-    """What one device has done: services carried out and refused, the refusals by their text, its published status."""
+    """Work of a device: services carried out and refused, the refusals by their text, its published status."""
 
     device: Device
     services: int
@@ -47,9 +47,10 @@ class ServedDevice:
 class AsyncServer:
     """Devices on a port, made by `framekit.aserve`. `async with` opens and closes it; so do `await` and `close`.
 
-    `port` is where others reach it, `about` the same for people. Its memory may be used as soon as it is open. `watch`
-    is told what goes over the line, with the port and the number of the device; what all devices hear, once. `capture`
-    is a file for it; `lost` says after the end what is not in there. `load`: how busy the line is.
+    `port`: name under which others connect; `about`: its description for users. Its memory may be used as soon as it is
+    open. `watch` gets the events of the line, with the port and the number of the device; frames that all devices
+    receive, once. `capture`: a file for them; `lost` lists after the end the data missing in it. `load`: the load of
+    the line.
     """
 
     def __init__(
@@ -74,7 +75,8 @@ class AsyncServer:
         self._points: list[DevicePoints] | None = None
 
     async def open(self) -> Self:
-        """Begins to serve. Raises LineClosedError, RequestError for what is no port or does not fit the memory.
+        """Begin to serve. Raises LineClosedError, RequestError for an invalid port or values that do not fit the
+        memory.
 
         OSError for a capture that cannot be written.
         """
@@ -116,12 +118,12 @@ class AsyncServer:
         self.watch(port, number, seen)
 
     async def close(self) -> None:
-        """Answers no more, and closes the port. Closing twice does nothing."""
+        """Stop serving, and close the port. Closing twice has no effect."""
         self.close_now()
         await asyncio.sleep(0)
 
     def close_now(self) -> None:
-        """As `close`, without letting the loop go on: network connections are told at its next turn."""
+        """Close as `close` does, without running the loop: network connections are closed at its next turn."""
         if self._serving is not None:
             self._serving.stop()
         for one in self._points or ():
@@ -157,7 +159,7 @@ class AsyncServer:
 
     @property
     def points(self) -> list[RunPoints]:
-        """For each device the values that behave or have a start value, by name or address; all may be written.
+        """Return for each device the values with a behaviour or a start value, by name or address; all may be written.
 
         A device over two protocols has them once.
         """
@@ -181,7 +183,7 @@ class AsyncServer:
             raise RequestError("it has no memory before it is opened")
         return self._serving
 
-    # ---- what has been done -------------------------------------------------------------------------------
+    # ---- counters -----------------------------------------------------------------------------------------
 
     @property
     def done(self) -> int:
@@ -203,11 +205,11 @@ class AsyncServer:
 
     @property
     def line_errors(self) -> Mapping[str, int]:
-        """What was wrong on the line: bad frames by their cause, noise, connections that were refused or closed."""
+        """Return the faults on the line: bad frames by their cause, noise, connections that were refused or closed."""
         return self._opened().line_errors
 
     def status(self) -> list[ServedDevice]:
-        """What each device has done so far."""
+        """Return the work of each device so far."""
         serving, found = self._opened(), []
         for number, store in enumerate(serving.stores):
             protocol, counters = store.device.protocol, store.counters
@@ -217,7 +219,7 @@ class AsyncServer:
 
 
 def view_of_devices(server: AsyncServer, log: FrameLog, state: Callable[[], str]) -> LiveView:
-    """What a display shows of devices that have not been opened yet; `log` is told what all of them hear."""
+    """Return the view of devices that have not been opened yet; `log` gets the events that all of them receive."""
     lines = {}
     for number, device in enumerate(server.devices, 1):
         log.know(number, device.protocol, device.role, device.params)
@@ -249,7 +251,9 @@ def aserve(
     read_only: bool = False,
     texts: Mapping[str, str] | None = None,
 ) -> AsyncServer:
-    """Simulated devices for asyncio, opened by `async with` or `await`; see `framekit.serve` for the arguments."""
+    """Return simulated devices for asyncio, opened by `async with` or `await`; see `framekit.serve` for the
+    arguments.
+    """
     if memory is not None and not isinstance(memory, str):
         raise RequestError(f"memory is the name of a profile, not {memory!r} – start values go into initial")
     stations = () if station is None else tuple(station) if isinstance(station, (list, tuple, range)) else (station,)
@@ -275,7 +279,7 @@ def aserve(
 
 
 def _clients(allow: Sequence[str], devices: Sequence[Device], port: str) -> tuple[Network, ...]:
-    """Where clients may come from: as is said here, else as the files say. Raises ValueError."""
+    """Return the networks of allowed clients: those given here, else those of the files. Raises ValueError."""
     if not allow:
         found: tuple[Network, ...] = ()
         for device in devices:
@@ -288,7 +292,7 @@ def _clients(allow: Sequence[str], devices: Sequence[Device], port: str) -> tupl
 
 
 def _text(value: Any) -> str:
-    """Return a value as it would stand in a device file."""
+    """Return a value as text in the form of a device file."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     return value.hex(" ") if isinstance(value, bytes) else str(value)
@@ -309,17 +313,19 @@ class Server(Closing):
             raise
 
     def close(self) -> None:
-        """Answers no more, and closes the port. Closing twice does nothing."""
+        """Stop serving, and close the port. Closing twice has no effect."""
         self._end()
 
     @property
     def port(self) -> str:
-        """Where others reach it: the number that was free for `tcp://…:0`, the terminal's path for `pty:`."""
+        """Return the name under which others connect: with the assigned port number for `tcp://…:0`, the terminal's
+        path for `pty:`.
+        """
         return self._server.port
 
     @property
     def devices(self) -> tuple[Device, ...]:
-        """What is served, one for each station."""
+        """Return the served devices, one for each station."""
         return self._server.devices
 
     @property
@@ -344,18 +350,18 @@ class Server(Closing):
 
 @with_arguments_of(aserve)
 def serve(server: AsyncServer) -> Server:
-    """Simulated devices that answer on a port at once; `framekit.aserve` does the same for asyncio.
+    """Serve simulated devices on a port at once; `framekit.aserve` does the same for asyncio.
 
-    `device`: a protocol, whose services are served, or a device file; several share the line. `port`:
-    `tcp://HOST:PORT` or `udp-listen://HOST:PORT` listens there (0 for any number that is free), `pty:` makes a
-    pseudo-terminal, else a port as for `connect`. `station`: a number, or a list for as many devices. `memory`: a
-    profile, instead of the protocol's own areas; `map`: where areas of the protocol begin in it. `initial`: ADDRESS →
-    value or values. `sizes`: ADDRESS → elements of the area there, also of one the protocol has not by itself.
-    `texts`: as `initial`, with texts as device files have them.
-    `params`, `role`, `speed`, `format`, `monitor`: as for `connect`. `faults`: a fault plan, of what goes wrong with
-    what the devices send. `idle_timeout` (seconds, a time such as `10 min`, or `never`): how long a connection may go
-    without a good frame; `connections`: of one client address; `allow`: addresses and networks of clients that may
-    connect, such as `192.168.1.0/24`, instead of what device files say. `read_only`: they may write nothing.
+    `device`: a protocol, whose services are served, or a device file; several share the line. `port`: `tcp://HOST:PORT`
+    or `udp-listen://HOST:PORT` listens there (0 for any free number), `pty:` makes a pseudo-terminal, else a port as
+    for `connect`. `station`: a number, or a list for as many devices. `memory`: a profile, instead of the protocol's
+    own areas; `map`: places in it at which areas of the protocol begin. `initial`: ADDRESS → value or values. `sizes`:
+    ADDRESS → elements of its area, also of an area that the protocol lacks by itself. `texts`: as `initial`, with texts
+    in the form of device files. `params`, `role`, `speed`, `format`, `monitor`: as for `connect`. `faults`: a plan of
+    faults in the transmissions of the devices. `idle_timeout` (seconds, a time such as `10 min`, or `never`): longest
+    time of a connection without a good frame; `connections`: largest number for one client address; `allow`: addresses
+    and networks of clients that may connect, such as `192.168.1.0/24`, instead of those in device files. `read_only`:
+    clients may not write.
 
     Raises DefinitionError for a wrong file or setting of the device, RequestError, LineClosedError.
     """

@@ -1,6 +1,6 @@
-"""How a line to a device is set up, from what users write: protocol, port, role, stations, parameters.
+"""Settings of a line to a device, from user input: protocol, port, role, stations, parameters.
 
-Everything is looked at before a port is opened. What goes over the line is not known here.
+Everything is checked before a port is opened. This module does not handle the traffic of the line.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from framekit.runfile.channels import line_of, needs_own, needs_station, parse_s
 
 
 class LoadedProtocol(typing.Protocol):
-    """What `framekit.load` gives."""
+    """The interface of results of `framekit.load`."""
 
     @property
     def definition(self) -> Protocol: ...
@@ -46,10 +46,7 @@ def protocol_of(given: ProtocolGiven) -> Protocol:
 
 @dataclass(frozen=True, slots=True)
 class ClientSettings:
-    """A checked line. `station` is the other side's where a call names none.
-
-    `names_own`, `names_station`: whether requests name the asking side, and the other one.
-    """
+    """A checked line."""
 
     protocol: Protocol
     port: str
@@ -57,12 +54,15 @@ class ClientSettings:
     line: LineFormat | None
     own: Any
     station: Any
+    """Default station of the other side for calls without a station."""
     params: Mapping[str, Any]
     names_own: bool
+    """Whether requests contain the station of the requesting side."""
     names_station: bool
+    """Whether requests contain the station of the other side."""
 
     def channel(self) -> Channel:
-        """Return the same as a channel of a run has it."""
+        """Return the settings as a channel of a run."""
         at = Position(self.port, 0, 0)
         return Channel(
             number=1, port=self.port, protocol=self.protocol, role=self.role, line=self.line, own=self.own,
@@ -70,14 +70,17 @@ class ClientSettings:
         )  # fmt: skip
 
     def check_own(self) -> None:
-        """Raises RequestError where requests name the asking side, and its number is not known."""
+        """Raise RequestError if requests contain the own station and it is unknown."""
         if self.own is None and self.names_own:
             raise RequestError(
                 f"requests of '{self.protocol.name}' name the asking side – say its number as own (--own N)"
             )
 
     def station_for(self, given: Any, *, needed: bool = True) -> Any:
-        """Return the station of a call. Raises RequestError for one that does not fit, or where one has to be named."""
+        """Return the station of a call.
+
+        Raises RequestError for a station that does not fit, or a missing required station.
+        """
         if needed:
             self.check_own()
         if given is not None:
@@ -99,7 +102,10 @@ def line_settings(
     station: Any = None,
     params: Mapping[str, Any] | None = None,
 ) -> ClientSettings:
-    """Raises DefinitionError for a wrong definition, RequestError for a setting that does not fit it."""
+    """Check settings and return them.
+
+    Raises DefinitionError for a wrong definition, RequestError for settings that do not fit it.
+    """
     found = protocol_of(protocol)
     if found.kind != "protocol":
         raise RequestError(f"'{found.name}' is carried by other protocols, it has no line of its own")
@@ -130,7 +136,10 @@ def checked_station(protocol: Protocol, given: Any) -> Any:
 
 
 def checked_params(protocol: Protocol, params: Mapping[str, Any]) -> dict[str, Any]:
-    """Parameters that the protocol has, with values that fit. Raises RequestError."""
+    """Check parameters of the protocol and return them.
+
+    Raises RequestError for unknown names and values that do not fit.
+    """
     for name, value in params.items():
         if name not in protocol.params:
             raise RequestError(no_such(f"'{protocol.name}' has no parameter", name, protocol.params))
@@ -154,9 +163,9 @@ def _role(protocol: Protocol, role: str | None) -> str | None:
 
 
 def names_of(protocol: Protocol, given: Mapping[str, Any]) -> Names:
-    """What the bytes of frames depend on, as it is at the start: parameters and variables, with the values `given`.
+    """Return the initial parameters and variables that the bytes of frames depend on, with the values `given`.
 
-    Values may be text. Raises RequestError for those that do not fit.
+    Values may be text. Raises RequestError for values that do not fit.
     """
     try:
         scope = Scope(protocol, params={name: value for name, value in given.items() if name in protocol.params})
@@ -183,5 +192,5 @@ def _set_variable(scope: Scope, protocol: Protocol, name: str, value: Any) -> No
 
 
 def grammar_of(protocol: Protocol) -> AddressGrammar:
-    """How the addresses of a protocol are read."""
+    """Return the address grammar of a protocol."""
     return AddressGrammar(protocol.addresses, protocol.areas, protocol.tables)

@@ -1,9 +1,9 @@
 """A text of StreamDevice, as `out` sends it or `in` takes it, as the body of a frame.
 
-A converter is carried out exactly or not at all: what is built has the bytes that StreamDevice sends, and what is read
-has the value that StreamDevice reads. A frame may take less than StreamDevice does (numbers with a plus sign or spaces
-in front, say); that is noted. What has no such segment raises CannotSayError. Source: StreamDevice 2, "Format
-Converters", and what printf of C writes.
+A converter is converted exactly or not at all: a built frame has the bytes that StreamDevice sends, and a read frame
+the value that StreamDevice reads. A frame may accept less than StreamDevice does (such as numbers with a leading plus
+sign or spaces); that is noted. A converter without an equivalent segment raises CannotSayError. Source: StreamDevice 2,
+"Format Converters", and the output of printf of C.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Segment = dict[str, Any]
 
 MOST_SEGMENTS = 3_000
 MOST_BYTES = 50_000
-"""Longer texts are told: a frame has bounds too."""
+"""Largest size of a text (bytes); longer texts are refused, since frames have a size limit too."""
 MOST_CHECKS = 8
 MOST_WORDS = 2_000
 """Characters that all words of an enumeration have together."""
@@ -65,20 +65,22 @@ HEARD: dict[str, tuple[str, str]] = {
         "set InTerminator, or MaxInput to its size",
     ),
 }
-"""What frames do not take of that which StreamDevice takes, and what to do."""
+"""Forms that StreamDevice accepts and frames do not, with remedies."""
 
 
 class StreamValue(NamedTuple):
-    """A value of a frame. `field`: its name there; `kind`: number, decimal or text; `wanted`: its name in the file.
-
-    `is_given`: it goes through the service; others are passed over. `start`: an expression for one that fits.
-    """
+    """A value of a frame."""
 
     field: str
+    """Its name in the frame."""
     kind: str
+    """number, decimal or text."""
     wanted: str
+    """Its name in the file."""
     is_given: bool = True
+    """Whether it is an argument or result of the service; other values are skipped."""
     start: int | str = 0
+    """Expression for a valid value."""
 
 
 @dataclass(slots=True)
@@ -98,12 +100,12 @@ class StreamBody:
 
 
 def body_of(elements: Sequence[Element], settings: StreamSettings, reads: bool, at: Position) -> StreamBody:
-    """The body of what `out` sends, or `in` takes (`reads`). Raises CannotSayError."""
+    """Return the body of the text that `out` sends, or `in` takes (`reads`). Raises CannotSayError."""
     return _BodyMaker(elements, settings, reads, at).body
 
 
 def constants(data: bytes) -> Iterator[Segment]:
-    """Runs of printable bytes as text, others in hex."""
+    """Yield runs of printable bytes as text, others in hex."""
     for run in re.findall(rb"[ -~]+|[^ -~]+", data):
         printable = 0x20 <= run[0] < 0x7F
         yield {"text": run.decode("ascii")} if printable else {"const": run.hex(" ").upper()}
@@ -161,14 +163,14 @@ class _BodyMaker:
         return self._place == len(self._elements) - 1
 
     def _follows(self) -> bytes:
-        """The constant right behind the element: that of the text, else the terminator."""
+        """Return the constant directly after the element: the following literal, else the terminator."""
         if self._is_last:
             return self._ending
         follows = self._elements[self._place + 1]
         return follows.data if isinstance(follows, Literal) else b""
 
     def _ends(self, at: Position, what: str) -> list[str]:
-        """What ends an element: the constant behind it, or the terminator, where reading ends in any case."""
+        """Return the ends of an element: the constant after it, and the terminator, which ends reading in any case."""
         mark = self._follows()
         if not mark:
             raise CannotSayError(at, f"{what} with nothing behind it that ends it", BY_HAND)
@@ -187,7 +189,7 @@ class _BodyMaker:
     # ---- parts of the body --------------------------------------------------------------------------------
 
     def _constant(self, data: bytes) -> None:
-        """A constant, cut where a check code begins."""
+        """Add a constant, split where a check code begins."""
         cuts = sorted(one - self._least for one in self._starts if 0 < one - self._least < len(data))
         for begin, end in pairwise((0, *(cuts if self._is_exact else ()), len(data))):
             for segment in constants(data[begin:end]):
@@ -198,7 +200,7 @@ class _BodyMaker:
             self.body.before += data
 
     def _mark_begin(self) -> None:
-        """A segment begins here."""
+        """Note the begin of a segment."""
         if self._is_exact:
             self._begins.add(self._least)
 
@@ -263,7 +265,7 @@ class _BodyMaker:
             self.body.segments.append({"field": name, **keys})
 
     def _pass_over_the_rest(self, at: Position) -> None:
-        """ExtraInput = Ignore."""
+        """Skip the rest of the input (ExtraInput = Ignore). Raises CannotSayError."""
         last = self._elements[-1] if self._elements else None
         if not self._ending:
             raise CannotSayError(at, "ExtraInput without a terminator: nothing ends what is passed over", BY_HAND)
@@ -375,7 +377,7 @@ class _BodyMaker:
         self._field(one, kind, type="decimal", **keys)
 
     def _digits(self, one: Converter) -> None:
-        """Hex and octal digits. StreamDevice cuts hex numbers to their width, so they always have it."""
+        """Add hex or octal digits. StreamDevice cuts hex numbers to their width, so their size is constant."""
         base, size = (8 if one.kind == "o" else 16), one.width
         keys: Segment = {"type": "oct" if base == 8 else "hex"}
         if one.kind == "x":
@@ -576,7 +578,7 @@ class _BodyMaker:
 
 
 def _joined(elements: Sequence[Element]) -> Iterator[Element]:
-    """Literals side by side as one."""
+    """Yield the elements with adjacent literals joined."""
     data: list[bytes] = []
     at: Position | None = None
     for element in elements:
@@ -657,7 +659,7 @@ _SUMS = {1: "sum8", 2: "sum16", 4: "sum32"}
 
 @cache
 def _codes() -> dict[str, tuple[int, Segment]]:
-    """The check codes of StreamDevice in their order: the bytes of each, and what it is here, if anything."""
+    """Return the check codes of StreamDevice in order: the bytes of each, and its equivalent segment keys, if any."""
     rows = json.loads((shipped_folder("frames") / "streamdevice.json").read_text("utf-8"))
     return {name: (row["bytes"], row.get("code", {})) for name, row in rows.items()}
 

@@ -1,8 +1,9 @@
-"""What stands in a protocol file of EPICS StreamDevice: protocols, their commands, and the settings of each.
+"""Reader of protocol files of EPICS StreamDevice: protocols, their commands, and the settings of each.
 
-Variables are put in where they are used, protocols where others take them, as StreamDevice does. What is no such file
-is an error; what StreamDevice would refuse only where it is used is told, and its protocol left out. All work is
-counted, so that a small file cannot make much. Source: StreamDevice 2, "Protocol Files" and "Format Converters".
+Variables are replaced where they are used, and protocols where others use them, as StreamDevice does. A text that is no
+protocol file is an error; a construct that StreamDevice refuses only where it is used is reported, and its protocol
+left out. All work is counted, so that a small file cannot cause much work. Source: StreamDevice 2, "Protocol Files" and
+"Format Converters".
 """
 
 from __future__ import annotations
@@ -17,9 +18,9 @@ from framekit.definition.load.reader import CONTROL_NAMES
 from framekit.definition.problems import DefinitionError, Position, Problem, is_nearly
 
 MOST_PIECES = 20_000
-"""So many commands and pieces of their texts all protocols may have together, with those that they take."""
+"""Largest number of commands and text pieces of all protocols together, including those that they use."""
 MOST_SIGNS = 4_000_000
-"""So many signs and words all values may have together, wherever a variable puts them."""
+"""Largest number of characters and words of all values together, after the replacement of variables."""
 
 DEEPEST = 20
 """Blocks inside each other; a handler in a protocol is two, more are errors."""
@@ -67,7 +68,7 @@ class _Token(NamedTuple):
 
 
 class Literal(NamedTuple):
-    """Bytes as they stand."""
+    """Literal bytes."""
 
     data: bytes
     at: Position
@@ -87,7 +88,7 @@ class StreamArgument(NamedTuple):
 
 
 class Converter(NamedTuple):
-    """A value in the text: its letter, or `[`, `{` or `<` with what stands in it.
+    """A value in the text: its letter, or `[`, `{` or `<` with the enclosed text.
 
     `about` has escaped bytes as characters from ESCAPED on. `redirect`: the name in round brackets.
     """
@@ -126,7 +127,7 @@ def named(text: str) -> str:
 
 
 def plain_text(text: str) -> str:
-    """Text of a converter with escaped bytes as characters, and arguments as they are written."""
+    """Return the text of a converter with escaped bytes as characters, and arguments as written."""
 
     def shown(code: int) -> str:
         if _ARGUMENT <= code < _ARGUMENT + 10:
@@ -148,7 +149,10 @@ class StreamCommand:
 
 @dataclass(frozen=True, slots=True)
 class StreamSettings:
-    """Times in ms. A terminator is None where nothing is said of it. `ignores_extra`: more than the text may come."""
+    """Settings of a protocol; times in ms.
+
+    A terminator is None if not set. `ignores_extra`: additional input is accepted.
+    """
 
     in_terminator: bytes | None = None
     out_terminator: bytes | None = None
@@ -172,7 +176,7 @@ class StreamProtocol:
 
 @dataclass(frozen=True, slots=True)
 class StreamFile:
-    """`left_out`: what was told on the way; the protocols it names are not among `protocols`."""
+    """A file. `left_out`: problems noted while reading; the protocols they name are not among `protocols`."""
 
     protocols: tuple[StreamProtocol, ...]
     left_out: tuple[Problem, ...]
@@ -191,7 +195,7 @@ def read_stream_file(text: str, file: str) -> StreamFile:
 
 
 class _Raw(NamedTuple):
-    """A command as it is written; variables in it mean what they do in the protocol that uses it."""
+    """A command as written; its variables are resolved in the protocol that uses it."""
 
     word: str
     at: Position
@@ -199,7 +203,7 @@ class _Raw(NamedTuple):
 
 
 class _Variable(NamedTuple):
-    """What a variable stands for; `spaced`: there is space before its semicolon."""
+    """The value of a variable; `spaced`: a space precedes its semicolon."""
 
     tokens: tuple[_Token, ...]
     at: Position
@@ -208,7 +212,7 @@ class _Variable(NamedTuple):
 
 @dataclass(slots=True)
 class _Body:
-    """A protocol, or what stands outside of all, while it is read."""
+    """A protocol, or the statements outside of all protocols, while being read."""
 
     name: str
     at: Position
@@ -218,12 +222,12 @@ class _Body:
 
 
 def _escaped(match: re.Match[str]) -> str:
-    """A quote that stands for itself within quotes; what is escaped already stays."""
+    """Escape a literal quote within quotes; existing escapes stay."""
     return match[0] if len(match[0]) > 1 else f"\\{match[0]}"
 
 
 class _ToldError(Exception):
-    """Something that StreamDevice refuses where it is used, or that has no meaning outside of an IOC."""
+    """Raised for a construct that StreamDevice refuses where it is used, or that has no meaning outside of an IOC."""
 
     def __init__(self, at: Position, what: str, todo: str) -> None:
         super().__init__(what)
@@ -284,13 +288,13 @@ class _StreamReader:
         return self._tokens[self._place]
 
     def _wrong(self, at: Position, what: str, todo: str) -> None:
-        """An error; what stands until the end of the statement is passed over."""
+        """Note an error and skip the rest of the statement."""
         self.errors.append(Problem(at, what, todo))
         while self._peek().kind != "end" and self._peek().text not in (";", "}", "{"):
             self._next()
 
     def _head(self) -> _Token:
-        """What a statement begins with. Names there may have signs in them that end a word elsewhere."""
+        """Return the head of a statement. Its name may contain characters that end a word elsewhere."""
         token = self._next()
         if token.kind != "word":
             return token
@@ -308,7 +312,7 @@ class _StreamReader:
                 self._wrong(
                     token.at, f"{named(token.text)} is no protocol and no setting", "write NAME { … } or NAME = …;"
                 )
-                if self._peek().text == "{":  # what this was the head of
+                if self._peek().text == "{":  # whose head this was
                     self._next()
                     self._block(_Body("", token.at), [], token)
             elif follows == "=":
@@ -354,7 +358,7 @@ class _StreamReader:
             )
 
     def _block(self, body: _Body | None, commands: list[_Raw], name: _Token) -> None:
-        """Statements up to the closing brace; without `body` they are those of a handler."""
+        """Read statements up to the closing brace; without `body` they are those of a handler."""
         self._deep += 1
         if self._deep > DEEPEST:
             what = f"blocks stand deeper inside each other than {DEEPEST}"
@@ -414,7 +418,7 @@ class _StreamReader:
             self.left_out.append(Problem(token.at, f"the setting {token.text}", _NO_EFFECT[name], warning=True))
 
     def _values(self) -> tuple[tuple[_Token, ...], bool]:
-        """What stands until the next semicolon, and whether space is before that."""
+        """Return the tokens up to the next semicolon, and whether a space precedes it."""
         begin = self._place
         while (token := self._peek()).text not in (";", "}") and token.kind != "end":
             if token.text in ("{", "="):
@@ -436,7 +440,9 @@ class _StreamReader:
         return variables[name.lower()]
 
     def _expanded(self, tokens: Sequence[_Token], variables: Mapping[str, _Variable]) -> Iterator[_Token]:
-        """Yield the tokens with those of variables in their place; those within strings are put into the string."""
+        """Yield the tokens with variables replaced by their tokens; variables within strings are replaced in the
+        string.
+        """
         for token in tokens:
             self._count(token.at, signs=1)
             if token.kind == "variable" and not token.text[1].isdigit():
@@ -465,7 +471,7 @@ class _StreamReader:
             return token
         return token._replace(kind="filled", text="".join((*parts, inside[place:], quote)))
 
-    # ---- what the commands of a protocol mean ------------------------------------------------------------
+    # ---- meaning of the commands of a protocol -----------------------------------------------------------
 
     def _make(self, body: _Body) -> None:
         variables = ChainMap(body.variables, self._whole.variables)
@@ -486,7 +492,7 @@ class _StreamReader:
     def _meant(
         self, commands: Sequence[_Raw], variables: Mapping[str, _Variable], whom: str
     ) -> tuple[StreamCommand, ...] | None:
-        """The commands; None: why there are none is told."""
+        """Return the commands; None if they are invalid, which is noted."""
         found: list[StreamCommand] = []
         told_of = len(self.left_out)
         for raw in commands:
@@ -508,7 +514,7 @@ class _StreamReader:
         return tuple(found) if len(self.left_out) == told_of else None
 
     def _settings(self, variables: Mapping[str, _Variable], whom: str) -> StreamSettings | None:
-        """None: why is told."""
+        """Return the settings; None if they are invalid, which is noted."""
 
         def number(name: str, default: int) -> int:
             if name not in variables:
@@ -557,9 +563,9 @@ class _StreamReader:
     # ---- texts --------------------------------------------------------------------------------------------
 
     def _codes(self, tokens: Sequence[_Token], variables: Mapping[str, _Variable]) -> tuple[list[str], list[Position]]:
-        """Return a text as a character for each byte, and the places of them.
+        """Return a text as a character for each byte, and their places.
 
-        A character that an escape or a number gives stands from ESCAPED on, an argument from _ARGUMENT on.
+        A character that an escape or a number gives has a code from ESCAPED on, an argument from _ARGUMENT on.
         """
         codes: list[str] = []
         places: list[Position] = []
@@ -675,7 +681,7 @@ class _StreamReader:
         yield from literal()
 
     def _converter(self, text: str, place: int, at: Position) -> tuple[Converter, int]:
-        """The converter whose % stands at a place, and where it ends."""
+        """Return the converter whose % is at a place, and its end."""
         redirect, place = "", place + 1
         if text[place : place + 1] == "(":
             end = text.find(")", place)

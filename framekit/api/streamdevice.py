@@ -1,8 +1,8 @@
-"""A protocol file of EPICS StreamDevice as a definition: frames, a service for each protocol, and what was left out.
+"""A protocol file of EPICS StreamDevice as a definition: frames, a service for each protocol, and the omitted parts.
 
 A protocol of one `out` and one `in` becomes a request and its reply, which a simulated device answers too; others
-become sequences of the client. Texts of the file get into the definition as quoted text, hex bytes, or names made of
-letters, digits and `_`. `stream_file.py` reads the file, `stream_body.py` makes the bodies of frames.
+become sequences of the client. Texts of the file are written to the definition as quoted text, hex bytes, or names made
+of letters, digits and `_`. `stream_file.py` reads the file, `stream_body.py` makes the bodies of frames.
 """
 
 from __future__ import annotations
@@ -21,9 +21,11 @@ from framekit.definition.problems import CannotSayError, DefinitionError, Positi
 from framekit.definition.written import comment, flow, yaml_lines
 
 ALIKE = 200
-"""So many requests with the same first bytes a simulated device answers: a definition has a bound of its own."""
+"""Largest number of requests with the same first bytes that a simulated device answers: a definition has a limit of its
+own.
+"""
 FIRST = 6
-"""First bytes by which a receiver tells frames apart."""
+"""Number of first bytes by which a receiver distinguishes frames."""
 
 _TIMES = range(10, 60_001)
 """Milliseconds that the parameter `reply_timeout` may have."""
@@ -36,7 +38,7 @@ _SERVICES = frozenset({"answer", "request", "reply", "read", "write"})
 
 
 def from_streamdevice(text: str, file: str, name: str) -> ImportedDefinition:
-    """The definition of a protocol file. `name`: of the protocol. Raises DefinitionError for what is no such file."""
+    """Return the definition of a protocol file. `name`: of the protocol. Raises DefinitionError for an invalid file."""
     found = read_stream_file(text, file)
     writer = _StreamWriter(name, found.left_out)
     for protocol in found.protocols:
@@ -62,7 +64,7 @@ class _Times(NamedTuple):
 
 @dataclass(slots=True)
 class _MadeFrame:
-    """`is_request`: a simulated device may be asked by it; `side`: who else sends it."""
+    """A frame of the definition. `is_request`: whether a simulated device answers it; `side`: its sender otherwise."""
 
     name: str
     body: StreamBody
@@ -72,7 +74,7 @@ class _MadeFrame:
 
 
 class _Step(NamedTuple):
-    """What a command became; without a frame it waits."""
+    """A command as a step; without a frame it waits."""
 
     command: StreamCommand
     frame: _MadeFrame | None
@@ -132,7 +134,10 @@ class _StreamWriter:
                 self.left_out.append(Problem(protocol.init_at, what, todo, warning=True))
 
     def _service(self, protocol: StreamProtocol, commands: Sequence[StreamCommand], at: Position, name: str) -> bool:
-        """Whether a protocol, or the handler of one, became a service; if not, why is told."""
+        """Add a protocol, or its handler, as a service; return whether that was possible.
+
+        The reason of a failure is noted.
+        """
         told = len(self.left_out)
         bodies: list[StreamBody | None] = []
         for command in commands:
@@ -191,7 +196,7 @@ class _StreamWriter:
         return self.frames[key]
 
     def heard(self) -> Iterator[Problem]:
-        """What frames do not take of that which StreamDevice takes: the first place of each, and how many there are."""
+        """Yield the forms that StreamDevice accepts and frames do not: the first place of each, and their number."""
         for kind, places in self._narrower.items():
             what, todo = HEARD[kind]
             yield Problem(min(places), what + _more(places), todo, warning=True)
@@ -242,9 +247,9 @@ class _StreamWriter:
         return found
 
     def _choose_requests(self) -> None:
-        """Requests that a device can tell apart by what they begin with; the others only a client sends.
+        """Select the requests that a device can distinguish by their first bytes; only a client sends the others.
 
-        Constant ones come first, then those with more constant bytes.
+        Constant requests come first, then those with more constant bytes.
         """
         requests = [frame for frame in self.frames.values() if frame.is_request]
         requests.sort(key=lambda frame: (frame.body.varies, -len(frame.body.before)))
@@ -262,7 +267,7 @@ class _StreamWriter:
                 beginnings.update(before[:size] for size in range(len(before) + 1))
 
     def _frames_in_order(self) -> Iterator[tuple[str, Any]]:
-        """Constant frames come first, a text alone, which fits nearly everything, last."""
+        """Yield constant frames first, and a frame of text alone, which matches nearly everything, last."""
 
         def order(frame: _MadeFrame) -> tuple[bool, int]:
             return frame.body.varies, -sum(
@@ -323,8 +328,10 @@ class _StreamWriter:
                 yield service.name, self._sequence(service, usual)
 
     def _sequence(self, service: _MadeService, usual: _Times) -> dict[str, Any]:
-        """The steps of a service. What comes during a `wait` is not lost: the step that takes it begins before, and the
-        wait stands before what is sent next.
+        """Return the steps of a service.
+
+        Frames that arrive during a `wait` are not lost: the step that takes them begins before, and the wait precedes
+        the next transmission.
         """
         takes, gives, fills, replies = _values_of(service)
         steps: list[dict[str, Any]] = []
@@ -361,7 +368,7 @@ class _StreamWriter:
 
 
 _LONGEST = 64
-"""So many first bytes of requests are compared."""
+"""Number of first bytes of requests that are compared."""
 
 
 def quoted_name(name: str) -> str:
@@ -378,7 +385,7 @@ def _exchange(times: _Times, usual: _Times) -> str:
 
 
 def _waiting(times: _Times, usual: _Times, early: int = 0) -> dict[str, Any]:
-    """The time limits of a step that waits, from `early` ms before, and what is done at their end."""
+    """Return the time limits of a receiving step, from `early` ms before, and the actions at their end."""
     is_usual = times == usual
     within = "reply_timeout" if is_usual and usual.reply in _TIMES else f"{max(times.reply, 1)} ms"
     return {
@@ -398,8 +405,10 @@ def _more(places: Sequence[Position]) -> str:
 def _values_of(
     service: _MadeService,
 ) -> tuple[dict[str, str], dict[str, tuple[int, StreamValue]], dict[int, dict[str, str]], dict[int, str]]:
-    """What a service takes by name (its kind), what it gives by name (the step and the value there), what fills the
-    frames of its steps, and the variables that keep what the steps took.
+    """Return arguments and results of a service, the fields of its frames, and the variables of its replies.
+
+    These are: the kind of each argument by name; step and value of each result by name; the fields of the frame of each
+    step; the variable that keeps the frame of each step.
     """
     names = _Names()
     takes: dict[str, str] = {}
@@ -427,7 +436,7 @@ def _values_of(
 
 
 def _value_name(wanted: str) -> str:
-    """The name of a value: what stands in round brackets in the file, if it may name one here."""
+    """Return the name of a value: the text in round brackets in the file if it is a valid name."""
     name = re.sub(r"[^a-z0-9_]+", "_", wanted[:64].lower()).strip("_")
     if not re.match(r"[a-z]", name):
         return "value"

@@ -1,7 +1,7 @@
 """The types of decoded values, as `framekit decode --json` prints them: JSON Schema, and TypeScript.
 
-`{"frame": NAME, "fields": {...}}`, where the fields of each frame are an object of its own. Bytes are hex pairs in
-text, times are text with a unit, exact decimals are numbers, or text where a float would say another number.
+`{"frame": NAME, "fields": {...}}`, in which the fields of each frame are an object of its own. Bytes are hex pairs in
+text, times are text with a unit, exact decimals are numbers, or text if a float would change the number.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def _place(name: str) -> str:
 
 
 def _object(segments: Segments) -> Schema:
-    """What the values of a record are. Those that may be absent are not required."""
+    """Return the schema of the values of a record; values that may be absent are not required."""
     properties: Schema = {}
     required: list[str] = []
     for segment, always in _segments(segments, True):
@@ -140,7 +140,7 @@ def _whole(limits: tuple[int, int] | None) -> Schema:
 
 
 def typescript(protocol: Protocol) -> str:
-    """A module with an interface for each frame, and `Decoded` for what `framekit decode --json` prints."""
+    """Return a module with an interface for each frame, and `Decoded` for the output of `framekit decode --json`."""
     schema = json_schema(protocol)
     names = _interfaces(schema["$defs"])
     lines = [f"// Types of {json.dumps(protocol.name)}, as `framekit decode --json` prints its frames.", ""]

@@ -17,7 +17,7 @@ from framekit.memory.views import VIEWS as VIEWS
 from framekit.memory.views import NumberView, view_of
 
 T = TypeVar("T")
-"""What the values are: int, float or str."""
+"""Type of the values: int, float or str."""
 P = ParamSpec("P")
 
 
@@ -86,9 +86,9 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What a service brought: `results` by the names the protocol gives them, and its reply frame, if there is one.
+    """Result of a service: `results` by the names the protocol gives them, and its reply frame, if any.
 
-    `raw` are the bytes that came last; the reply may be a frame inside them.
+    `raw`: the bytes received last; the reply may be a frame inside them.
     """
 
     results: Mapping[str, Any] = field(default_factory=dict)
@@ -109,17 +109,20 @@ TextType = Literal["string"]
 
 
 def typed(grammar: AddressGrammar, address: str, type_: str | None, order: str | None, count: int) -> Typed:
-    """As of `framekit.link.packing`. Raises RequestError."""
+    """Return the conversion for an address, as in `framekit.link.packing`. Raises RequestError."""
     return asked(typed_at, grammar, address, type_, order, count)
 
 
 def typed_each(grammar: AddressGrammar, addresses: Sequence[str], type_: str | None, order: str | None) -> TypedEach:
-    """As `typed`, for one number of each address. Raises RequestError, also for what is no list of addresses."""
+    """Return the conversion for one number of each address.
+
+    Raises RequestError, also for a value that is no list of addresses.
+    """
     return asked(typed_at_each, grammar, addresses, type_, order)
 
 
 def asked(make: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
-    """What `make` gives. Raises RequestError for what cannot be asked: values, types, addresses."""
+    """Return the result of `make`. Raises RequestError for its ValueError: impossible values, types, addresses."""
     try:
         return make(*args, **kwargs)
     except ValueError as error:
@@ -127,7 +130,7 @@ def asked(make: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
 
 
 def answered(read: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
-    """What `read` finds in a reply. Raises ReplyError for data that hold nothing of the kind."""
+    """Return the result of `read` on a reply. Raises ReplyError for data without such a value."""
     try:
         return read(*args, **kwargs)
     except ValueError as error:
@@ -135,7 +138,7 @@ def answered(read: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
 
 
 def values_given(values: Value | Sequence[Value]) -> list[Value]:
-    """One value or several, as a list. Raises RequestError for what is none."""
+    """Return one value or several as a list. Raises RequestError for an invalid value."""
     if isinstance(values, (int, float, str)):
         return [values]
     if not isinstance(values, Sequence) and not hasattr(values, "__iter__"):
@@ -147,7 +150,7 @@ def values_given(values: Value | Sequence[Value]) -> list[Value]:
 
 
 def values_at(place: Address, texts: Sequence[str], type_: str | None) -> list[Value]:
-    """Values of a type (None: of what a place usually holds) from texts. Raises RequestError."""
+    """Return values of a type (None: the usual type of the place) from texts. Raises RequestError."""
     values = [_value_of(text, type_) if type_ else _value_at(place, text) for text in texts]
     _refuse_signs(place.unit, values, type_ or place.type)
     return values
@@ -157,7 +160,7 @@ def check_written(
     grammar: AddressGrammar, address: str, texts: Sequence[str], type_: str | None, order: str | None,
     count: int | None,
 ) -> None:  # fmt: skip
-    """Raises RequestError for texts that cannot be written there, whatever the device says."""
+    """Raise RequestError for texts that cannot be written there, regardless of the device."""
     how = typed(grammar, address, type_, order, count or len(texts))
     try:
         memory_of(how.numbers(values_at(grammar.parse(address), texts, type_)), how.carrier)
@@ -166,7 +169,7 @@ def check_written(
 
 
 def _refuse_signs(place: str, values: list[Value], type_: str | None) -> None:
-    """Elements of a memory have no sign: a negative number needs a type that says how it stands in them.
+    """Refuse negative numbers without a signed type: elements of a memory have no sign.
 
     Raises RequestError.
     """
@@ -180,7 +183,9 @@ def _refuse_signs(place: str, values: list[Value], type_: str | None) -> None:
 
 
 def _value_at(place: Address, text: str) -> Value:
-    """A value for what a place usually holds; `0x…` is the element as it stands. Raises RequestError."""
+    """Return a value for the usual type of a place from a text; `0x…` is the unconverted element. Raises
+    RequestError.
+    """
     view = None if place.type not in NUMBER_BITS or "x" not in text.lower() else view_of(str(place.type))
     if not isinstance(view, NumberView):
         return _value_of(text, place.type)

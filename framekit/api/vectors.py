@@ -1,4 +1,6 @@
-"""The vectors beside a definition, run: every frame case, and every conversation against a whole client or device."""
+"""Execution of the vectors of a definition: every frame case, and every conversation against a whole client or
+device.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,7 @@ SUFFIX = ".vectors.yaml"
 
 @dataclass(frozen=True, slots=True)
 class CaseResult:
-    """One case: what it is called, and what does not agree; nothing when it holds."""
+    """Result of a case: its name, and its differences; no differences if it passes."""
 
     kind: str
     name: str
@@ -38,12 +40,12 @@ class CaseResult:
 
 
 def vectors_path(definition: Path) -> Path:
-    """Where the vectors of a definition stand, if there are any."""
+    """Return the path of the vectors of a definition, whether they exist or not."""
     return definition.with_name(definition.stem + SUFFIX)
 
 
 def vector_problems(vectors: Vectors, protocol: Protocol) -> list[Problem]:
-    """Everything in the cases that names what the protocol, or the memory behind it, does not have."""
+    """Return a problem for every name in the cases that the protocol or the memory lacks."""
     problems = check_vectors(vectors, protocol)
     _, here = memory_of(protocol)
     there = AddressGrammar(protocol.addresses, protocol.areas, protocol.tables)
@@ -61,7 +63,7 @@ def vector_problems(vectors: Vectors, protocol: Protocol) -> list[Problem]:
 
 
 def _of_another(vectors: Vectors, protocol: str | Path, folder: Path | None) -> Iterator[Problem]:
-    """Cases beside a definition say that they are its own."""
+    """Report vectors that name another definition than the one in the same folder."""
     path = definition_path(protocol, folder)
     try:
         named = definition_path(vectors.protocol, path.parent)
@@ -89,9 +91,9 @@ def _no_addresses(case: Conversation, grammar: AddressGrammar, given: list[tuple
 def run_vectors(
     protocol: str | Path, folder: Path | None = None, progress: Callable[[int, int], None] = lambda done, of: None
 ) -> list[CaseResult]:  # fmt: skip
-    """Runs all cases; none where there are no vectors. Raises DefinitionError when definition or vectors are wrong.
+    """Run all cases; return an empty list without vectors. Raises DefinitionError if definition or vectors are wrong.
 
-    `progress` is told how many are done, and of how many.
+    `progress` gets the number of finished cases, and of all cases.
     """
     loaded = load_protocol(protocol, folder)
     path = vectors_path(definition_path(protocol, folder))
