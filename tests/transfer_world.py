@@ -57,7 +57,7 @@ class TransferWorld:
         self.server = self._engine(server_role, server_own, params, server)
         self.engine = self._engine(client_role, client_own, params, None)
         self.client = Client(self.protocol, self.codec, self.engine)
-        self.engine.ask_service = self.client.ask
+        self.engine.machine.ask_service = self.client.ask
         self.drivers = [
             Driver(self.server, self.line.port("server"), self.clock),
             Driver(self.engine, self.line.port("client"), self.clock),

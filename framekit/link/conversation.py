@@ -351,11 +351,11 @@ class Player:
             protocol, codec, role_of(case, protocol), params=case.params, line=line, own=station_of(protocol, case.own),
             server=self.side.server, memory=self.side.memory, monitor=self.side.monitor,
         )  # fmt: skip
-        self.engine.on_fault = self._seen
+        self.engine.machine.on_fault = self._seen
         self.random = _Random(case.random)
         self.engine.scope["functions"].make_random = self.random.take
         if self.side.ask is not None:
-            self.engine.ask_service = self.side.ask(self.engine)
+            self.engine.machine.ask_service = self.side.ask(self.engine)
         set_state(self.engine.scope, case.state)
         self.station = station_of(protocol, case.station)
         self.line = _Line()

@@ -1,6 +1,7 @@
-"""Lanes of a role: exchanges that wait for their turn, those that run, and what listens when none does.
+"""Lanes of a role: exchanges that wait for their turn, those that run, and the listener of a free lane.
 
-With them what opens and closes sessions, and the replies for which other requests wait.
+With the sequences that open and close sessions, the offering of frames and events to the runs, and the replies for
+which other requests wait.
 """
 
 from __future__ import annotations
@@ -9,13 +10,13 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from framekit.definition.model.procedure import Lane
-from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
+from framekit.link.arrivals import BadFrame
 from framekit.link.events import Exchange, Outcome, Reopen
-from framekit.link.receiver import Receiver
-from framekit.link.scope import Scope
-from framekit.link.sequences.runtime import Runs
-from framekit.link.sequences.state import LaneState, Run, State
+from framekit.link.reception import Reception
+from framekit.link.sequences.runtime import Machine
+from framekit.link.sequences.state import Bad, Item, LaneState, Run, State
+from framekit.link.values import FrameValue
 
 HOLD = 100_000_000
 """A listener that goes round in circles is started again after this (ns)."""
@@ -23,49 +24,42 @@ HOLD = 100_000_000
 STALE = 1_000_000_000
 """Incomplete bytes that are this old (ns) when an exchange begins do not belong to it."""
 
+RECEIVING, HELD, SILENT, DONE = State.RECEIVING, State.HELD, State.SILENT, State.DONE
 
-class Lanes(Runs):
-    """Runs by their lanes. `order`: in which arriving frames are offered to them. `lane_of`: the lane that runs
-    exchanges of a sequence; None: the first that runs any. `on_shut`: the callback for the end of the session, until it
-    is called.
-    """
 
-    awaited: frozenset[str]
-    receiver: Receiver
-    is_idle: bool
-    _keeps_times: bool
+class Lanes:
+    """The runs of a machine by their lanes."""
 
-    def __init__(
-        self, protocol: Protocol, scope: Scope, program: Any, lanes: tuple[Lane, ...], is_stream: bool
-    ) -> None:
-        super().__init__(protocol, scope, program, is_stream)
-        self.lanes = [LaneState(lane) for lane in lanes]
-        self.was_closed = False
-        self.live = 0
-        """How many runs are under way; those that are over may stand in the order until others take their place."""
+    def __init__(self, machine: Machine, reception: Reception, lanes: tuple[Lane, ...]) -> None:
+        self.machine = machine
+        self.reception = reception
+        self.all = [LaneState(lane) for lane in lanes]
+        """In the order in which arriving frames are offered to their runs."""
         self.is_holding = False
+        """Whether a listener has been held back."""
+        self.keeps_times = machine.session.keep_alive is not None
+        """Effects depend on other times than those of runs: keep-alive, lanes held back, the end of the session."""
         self.on_shut: Callable[[], None] | None = None
+        """Called once at the end of the session."""
         self.lane_of: dict[str | None, LaneState] = {}
-        for lane in self.lanes:
+        """The lane that runs the exchanges of a sequence; None: the first lane that runs any."""
+        for lane in self.all:
             for name in (None, *lane.exchange) if lane.exchange else ():
                 self.lane_of.setdefault(name, lane)
-
-    def drop_stale(self) -> None:
-        """Drop bytes that came before an exchange while no run listened: they cannot be its reply."""
-        raise NotImplementedError
 
     # ---- starting -----------------------------------------------------------------------------------------
 
     def fill(self, lane: LaneState) -> None:
-        """Starts exchanges whose turn it is, and a listener where the lane is free."""
+        """Start exchanges whose turn it is, and a listener if the lane is free."""
         lane.is_queued = False
-        if not self.is_open:
+        machine = self.machine
+        if not machine.output.is_open:
             return
-        waiting, running, session = lane.waiting, lane.running, self.session
+        waiting, running, session = lane.waiting, lane.running, machine.session
         while waiting:
             if session.busy:
                 break
-            if running and (len(running) >= lane.at_once(self.scope) or session.plan(waiting[0])):
+            if running and (len(running) >= lane.at_once(machine.scope) or session.plan(waiting[0])):
                 break
             listener = lane.listener
             if listener is not None and not listener.gives_way:
@@ -76,7 +70,8 @@ class Lanes(Runs):
 
     def begin_exchange(self, lane: LaneState, x: Exchange) -> None:
         """Begin an exchange in a lane that has room, with what its session needs before it."""
-        if self.late.until or not self.is_idle:
+        machine = self.machine
+        if machine.late.until or self.reception.has_unread:
             self._clear_line()
         run = lane.spare
         if run is None or lane.running:
@@ -86,81 +81,83 @@ class Lanes(Runs):
             run.exchange, run.given_up = x, False
             run.cause, run.doing, run.unusable = "", "exchange", None
             lane.running.append(run)
-        run.first_open = self.late.count
-        self.live += 1
-        if self.session.session is not None and (before := self.session.plan(x)):
+        run.first_open = machine.late.count
+        machine.live += 1
+        if machine.session.session is not None and (before := machine.session.plan(x)):
             self._begin_behind(before, run, x)
         else:
-            x.begin(self.scope, True, self.copies)
-            self.begin(run, self.sequences[x.run or lane.exchange[0]], x)
+            x.begin(machine.scope, True, machine.copies)
+            machine.begin(run, machine.sequences[x.run or lane.exchange[0]], x)
 
     def _clear_line(self) -> None:
         """Before an exchange, forget replies that are due no longer, and bytes that no run listened for."""
-        late, now = self.late, self.scope.now
+        machine, reception = self.machine, self.reception
+        late, now = machine.late, machine.scope.now
         if late.until and late.until <= now:
             self.release()
-        if not late.until and self.has_bytes():
-            listens = bool(self.awaited) or self.listens
-            if not listens or now - self.output.last_received >= STALE:
-                self.drop_stale()
+        if not late.until and not machine.receiver.is_empty:
+            listens = bool(reception.awaited) or self.listens
+            if not listens or now - machine.output.last_received >= STALE:
+                reception.drop_stale()
 
     def _another_run(self, lane: LaneState, exchange: Exchange) -> Run:
         self._give_way(lane)
-        run = Run(self, lane, "exchange", exchange)
+        run = Run(self.machine, lane, "exchange", exchange)
         lane.running.append(run)
         self._reorder()
         return run
 
     def _begin_behind(self, before: list[tuple[str, str]], run: Run, exchange: Exchange) -> None:
         """Begin the sequences that have to run before an exchange."""
-        station = exchange.station
-        exchange.begin(self.scope, True, self.copies)
-        run.agenda = [(kind, one, Exchange(station=station).begin(self.scope)) for kind, one in before]
+        machine, station = self.machine, exchange.station
+        exchange.begin(machine.scope, True, machine.copies)
+        run.agenda = [(kind, one, Exchange(station=station).begin(machine.scope)) for kind, one in before]
         run.agenda.append(("exchange", exchange.run or run.lane.exchange[0], exchange))
-        self.session.busy = True
+        machine.session.busy = True
         self._next_of_agenda(run)
 
     def stir_all(self) -> None:
-        """Something may begin in every lane."""
-        for lane in self.lanes:
+        """Look in every lane for exchanges and listeners that can begin."""
+        for lane in self.all:
             if lane.waiting or lane.listen is not None:
-                self.stir(lane)
+                self.machine.stir(lane)
 
-    @staticmethod
-    def _give_way(lane: LaneState) -> None:
+    def _give_way(self, lane: LaneState) -> None:
+        """End the listener of a lane for an exchange."""
         if lane.listener is not None:
-            lane.listener.state, lane.listener.expected, lane.listener.deadline = State.DONE, {}, NEVER
-            lane.listener.machine.live -= 1
+            lane.listener.state, lane.listener.expected, lane.listener.deadline = DONE, {}, NEVER
+            self.machine.live -= 1
             lane.listener = None
 
     def begin_sequences(self, kind: str, names: Iterable[str], station: Any) -> Run | None:
-        """Runs sequences of the session in the first lane for exchanges: keeping alive, or closing."""
-        lane = self.lane_of.get(None)
+        """Run sequences of the session in the first lane for exchanges: keeping alive, or closing."""
+        lane, machine = self.lane_of.get(None), self.machine
         if lane is None or not self.is_free:
             return None
         self._give_way(lane)
-        run = Run(self, lane, kind)
+        run = Run(machine, lane, kind)
         lane.running.append(run)
-        self.live += 1
+        machine.live += 1
         self._reorder()
-        run.agenda = [(kind, name, Exchange(station=station).begin(self.scope)) for name in names]
+        run.agenda = [(kind, name, Exchange(station=station).begin(machine.scope)) for name in names]
         if kind == "close":
-            run.agenda.append(("ended", "", Exchange(station=station).begin(self.scope)))
+            run.agenda.append(("ended", "", Exchange(station=station).begin(machine.scope)))
         self._next_of_agenda(run)
         return run
 
     def _begin_listener(self, lane: LaneState) -> None:
-        if lane.held_until > self.scope.now or lane.listen is None:
+        machine = self.machine
+        if lane.held_until > machine.scope.now or lane.listen is None:
             return
-        run = Run(self, lane, "listen")
+        run = Run(machine, lane, "listen")
         lane.listener = run
-        self.live += 1
+        machine.live += 1
         self._reorder()
-        self.begin(run, self.sequences[lane.listen], Exchange().begin(self.scope, False))
+        machine.begin(run, machine.sequences[lane.listen], Exchange().begin(machine.scope, False))
 
     def _next_of_agenda(self, run: Run) -> bool:
-        """The next sequence of a run that has several: of its session first, then its own. False: there is none."""
-        session = self.session
+        """Begin the next sequence of a run with several: those of its session first. Return False after the last."""
+        session = self.machine.session
         while run.agenda:
             kind, name, context = run.agenda.pop(0)
             run.doing = kind
@@ -173,7 +170,77 @@ class Lanes(Runs):
             else:
                 session.busy = kind in ("open", "close")
                 self.stir_all()
-                self.begin(run, self.sequences[name], context)
+                self.machine.begin(run, self.machine.sequences[name], context)
+                return True
+        return False
+
+    # ---- to the runs that wait ----------------------------------------------------------------------------
+
+    def offer(self, value: FrameValue) -> bool:
+        """Offer a good frame to the rows of the runs that wait; return whether a row took it.
+
+        Lanes are asked in the order written, in a lane the older exchange first; the first row that fits takes it.
+        """
+        name, machine = value.frame, self.machine
+        for run in machine.order:
+            if name in run.expected:
+                level = run.top
+                x = level.x
+                if x.checks_echo and not machine.table.repeats(value, x.asked, x.last_sent, x.names):
+                    continue
+                if machine.go(run, level, value):
+                    return True
+                caller = level.caller
+                while caller is not None:
+                    if name in caller.wait.names(caller.x.expected) and machine.go(run, caller, value):
+                        return True
+                    caller = caller.caller
+        return False
+
+    def offer_queues(self) -> None:
+        """Let a row go on that waits for an item of a queue or for room in it; others may follow."""
+        machine = self.machine
+        queues = machine.queues
+        for run in machine.order:
+            if run.state is not RECEIVING:
+                continue
+            for place, (queue, room) in enumerate(run.wait.queues):
+                if queue is not None:
+                    items = queues.items[queue]
+                    if items and machine.go(run, run.top, Item(place, items[0])):
+                        machine.queues_changed()
+                        return
+                elif room is not None and not queues.full(room) and machine.go(run, run.top, Item(place, None)):
+                    machine.queues_changed()
+                    return
+
+    def handle(self, run: Run, event: str, value: Any) -> bool:
+        """Let a run handle an event, with the effects; return whether it has a handler that applies.
+
+        A break and a lost connection are also for the callers, innermost first.
+        """
+        for level in run.calls():
+            if event in level.wait.events:
+                return self.machine.go(run, level, value) or run.state is DONE
+            if event not in ("on_break", "on_closed"):
+                break
+        return False
+
+    def offer_bad(self, bad: BadFrame) -> bool:
+        """Offer a bad frame to the run whose rows name it, else to the first run with a handler.
+
+        Return whether a run took it.
+        """
+        receiving = [run for run in self.machine.order if run.state is RECEIVING]
+        for run in receiving:
+            if bad.frame in run.expected:
+                run.unusable_replies().add_bad(bad)
+                run.cause = str(run.unusable)
+                self.handle(run, "on_bad", Bad(bad.cause, bad.frame))
+                return True
+        for run in receiving:
+            run.cause = f"{bad.frame}: {bad.cause}"
+            if self.handle(run, "on_bad", Bad(bad.cause, bad.frame)):
                 return True
         return False
 
@@ -181,49 +248,52 @@ class Lanes(Runs):
 
     def release(self) -> None:
         """Go on with requests that were held back: no reply is due any more, or its time is over."""
-        late = self.late
+        machine = self.machine
+        late, now = machine.late, machine.scope.now
         late.time_over()
         items, late.items = late.items, []
         for send in items:
             send()
-        for run in self.order:
-            if run.state is State.HELD:
-                if late.until > self.scope.now:
+        for run in machine.order:
+            if run.state is HELD:
+                if late.until > now:
                     run.deadline = late.until
                 else:
-                    self.go_on(run)
-            elif run.state is State.SILENT and run.doubt is not None and run.doubt.is_draining:
-                run.deadline = max(late.until, self.scope.now)
+                    machine.go_on(run)
+            elif run.state is SILENT and run.doubt is not None and run.doubt.is_draining:
+                run.deadline = max(late.until, now)
 
     def hold_over(self, run: Run) -> None:
         """A time for which a run was to be held back is over."""
-        late, now = self.late, self.scope.now
-        more = late.time(self.scope, late.within)
-        if self.has_bytes():  # one may be arriving
-            late.until = max(late.until, self.output.last_received + more)
+        machine, reception = self.machine, self.reception
+        late, now = machine.late, machine.scope.now
+        more = late.time(machine.scope, late.within)
+        if not machine.receiver.is_empty:  # a late reply may be arriving
+            late.until = max(late.until, machine.output.last_received + more)
         if late.until <= now:
-            if not (self.listens or self.awaited):
-                self.drop_stale()
+            if not (self.listens or reception.awaited):
+                reception.drop_stale()
             self.release()
         elif not late.is_without_end(run.started):
             run.deadline = late.until
         else:
             run.cause = "replies that nothing waits for come without end"
-            self.fail_run(run, "late_replies")
+            machine.fail_run(run, "late_replies")
 
     # ---- ending -------------------------------------------------------------------------------------------
 
     def over(self, run: Run) -> None:
         """Update the session after the end of a run, begin the next sequence of the run, and report to the caller."""
-        outcome, lane, session = run.outcome, run.lane, self.session
+        machine = self.machine
+        outcome, lane, session = run.outcome, run.lane, machine.session
         if run.agenda and (outcome is None or outcome.ok or run.doing == "close"):
             run.state = State.GOING
             if self._next_of_agenda(run):
                 return
-            run.state = State.DONE
+            run.state = DONE
         if outcome is not None and run.doing != "close":
             self._failed(run, outcome)
-        self.live -= 1
+        machine.live -= 1
         if lane.listener is run:
             lane.listener = None
         elif run in lane.running:
@@ -236,7 +306,7 @@ class Lanes(Runs):
             session.busy = False
             self.stir_all()
         elif lane.waiting or lane.listen is not None:
-            self.stir(lane)
+            machine.stir(lane)
         exchange, run.exchange = run.exchange, None  # nothing leads from one to the other when both are over
         if exchange is not None:
             if outcome is None:
@@ -245,86 +315,90 @@ class Lanes(Runs):
                 exchange.ended(outcome)
 
     def _failed(self, run: Run, outcome: Outcome) -> None:
-        session, lost = self.session, True
+        """Update the session after a failure."""
+        machine = self.machine
+        session, lost = machine.session, True
         if run.doing == "open":
             session.end()
         else:
             lost = session.failed(outcome.outcome)
-        if lost and session.reconnects and self.is_open:
-            self.commands.append(Reopen(f"the session is lost: {outcome.outcome}"))
+        if lost and session.reconnects and machine.output.is_open:
+            machine.output.commands.append(Reopen(f"the session is lost: {outcome.outcome}"))
         if run.lane.listener is run and outcome.outcome == "circle":
-            run.lane.held_until = self.scope.now + HOLD
-            self.is_holding = self._keeps_times = True
+            run.lane.held_until = machine.scope.now + HOLD
+            self.is_holding = self.keeps_times = True
 
-    def cancel_now(self, exchange: Exchange) -> None:
-        """Ends an exchange at once, wherever it stands."""
-        for lane in self.lanes:
+    def cancel(self, exchange: Exchange) -> None:
+        """End an exchange at once, begun or not."""
+        machine = self.machine
+        for lane in self.all:
             if exchange in lane.waiting:
                 lane.waiting.remove(exchange)
-                self.tell(exchange, Outcome(False, "cancelled"))
+                machine.tell(exchange, Outcome(False, "cancelled"))
                 return
-        for run in self.order:
+        for run in machine.order:
             if run.exchange is exchange:
                 run.agenda = None
-                self.fail_run(run, "cancelled")
+                machine.fail_run(run, "cancelled")
 
-    def give_up_now(self, exchange: Exchange) -> None:
+    def give_up(self, exchange: Exchange) -> None:
         """End an exchange that has not begun; an exchange under way repeats no request any more, and ends by itself."""
-        if any(exchange in lane.waiting for lane in self.lanes):
-            self.cancel_now(exchange)
-        for run in self.order:
+        if any(exchange in lane.waiting for lane in self.all):
+            self.cancel(exchange)
+        for run in self.machine.order:
             if run.exchange is exchange:
                 run.given_up = True
-                if run.state in (State.HELD, State.SILENT):
-                    self.cancel_now(exchange)
+                if run.state in (HELD, SILENT):
+                    self.cancel(exchange)
 
     def fail_waiting(self, outcome: str, cause: str) -> None:
-        """Exchanges that have not begun fail."""
-        for lane in self.lanes:
+        """Report failure of the exchanges that have not begun."""
+        for lane in self.all:
             while lane.waiting:
-                self.tell(lane.waiting.popleft(), Outcome(False, outcome, cause))
+                self.machine.tell(lane.waiting.popleft(), Outcome(False, outcome, cause))
 
     def _reorder(self) -> None:
         """Set the order of the runs, after runs have begun or ended."""
         order: list[Run] = []
-        for lane in self.lanes:
+        for lane in self.all:
             lane.spare = None
             order += lane.running
             if lane.listener is not None:
                 order.append(lane.listener)
-        self.order = tuple(order)
+        self.machine.order = tuple(order)
 
     @property
     def is_free(self) -> bool:
-        """Whether the lane for exchanges could begin something of the session's own now."""
+        """Return whether the lane for exchanges could begin a sequence of the session now."""
         lane = self.lane_of.get(None)
-        if lane is None or lane.running or lane.waiting or not self.is_open:
+        if lane is None or lane.running or lane.waiting or not self.machine.output.is_open:
             return False
         return lane.listener is None or lane.listener.gives_way
 
     @property
     def listens(self) -> bool:
-        """Whether anything waits for frames."""
-        return State.RECEIVING in [run.state for run in self.order]
+        """Return whether a run waits for frames."""
+        return RECEIVING in [run.state for run in self.machine.order]
 
     @property
     def held_until(self) -> int:
-        """When a lane that is held back may begin its listener again."""
-        now = self.scope.now
-        times = [one.held_until for one in self.lanes if one.listener is None and not one.running]
+        """Return when a lane that is held back may begin its listener again (ns)."""
+        now = self.machine.scope.now
+        times = [one.held_until for one in self.all if one.listener is None and not one.running]
         return min((time for time in times if time > now), default=NEVER)
 
     # ---- the end of all -----------------------------------------------------------------------------------
 
     def shut(self) -> bool:
-        """Close the session when asked to, once the lane is free. Return whether something was done."""
+        """Close the session on request, once the lane is free. Return whether that has changed the state."""
         if self.on_shut is None:
             return False
-        session = self.session
+        machine = self.machine
+        session, output = machine.session, machine.output
         if session.session is None or not (session.is_open or session.busy):
-            if self.output.outgoing is not None or self.output.pending or self.late.items:
+            if output.outgoing is not None or output.pending or machine.late.items:
                 return False
-            self.ready.append(self.on_shut)
+            machine.ready.append(self.on_shut)
             self.on_shut = None
             return True
         if session.busy or not self.is_free:

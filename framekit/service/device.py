@@ -217,7 +217,7 @@ class DeviceService:
             if seen.kind == "trouble":
                 told(f"simulated device '{name}': {seen.reason}")
 
-        self.engine.on_fault = tell
+        self.engine.machine.on_fault = tell
         self.store.troubles.append(lambda what: told(f"simulated device '{name}': {what}"))
 
     def start(self) -> None:
@@ -477,7 +477,7 @@ class Serving:
 
     def _last_frame(self, port: Port) -> int:
         """Return the time of the last good frame on a connection; at first the time of its opening."""
-        return max(service.engine.last_frame for service in self.connected[port])
+        return max(service.engine.machine.last_frame for service in self.connected[port])
 
     def _set_idle_alarm(self) -> None:
         oldest = min(map(self._last_frame, self._hosts), default=NEVER)

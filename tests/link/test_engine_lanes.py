@@ -316,7 +316,7 @@ def test_an_item_that_does_not_fit_stays_in_the_queue() -> None:
     side = Side(PEER, "peer")
     side.gets(b"\x01\x09")
     side.run(SECOND)
-    assert side.engine.queues.items["jobs"][0] == {"x": 9}
+    assert side.engine.machine.queues.items["jobs"][0] == {"x": 9}
 
 
 # ---- sessions -------------------------------------------------------------------------------------------------------

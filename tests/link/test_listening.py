@@ -42,7 +42,7 @@ def server() -> Echoing:
 
 def test_a_listener_begins_anew_in_its_generator_with_new_variables() -> None:
     side = Side(LISTENING, "server", server=server())
-    (run,) = side.engine.order
+    (run,) = side.engine.machine.order
     level = run.top
     generator, exchange = level.generator, level.x
     for x in (0x10, 0x20, 0x30):
@@ -112,9 +112,9 @@ def test_runs_whose_times_run_out_at_once_are_reported_in_the_order_of_their_lan
     for name in ("second", "first"):  # the second lane begins, so that its run is the older one
         side.do(side.engine.start(Exchange(name, on_done=lambda outcome, name=name: told.append(name)), side.now))
     side.run(20 * MS)
-    deadlines = {run.deadline for run in side.engine.order}
+    deadlines = {run.deadline for run in side.engine.machine.order}
     assert len(deadlines) == 2, "the second request has left later"
-    for run in side.engine.order:
+    for run in side.engine.machine.order:
         run.deadline = max(deadlines)
     side.run(2 * SECOND)
     assert told == ["first", "second"]
@@ -128,12 +128,12 @@ def test_a_run_that_is_used_again_brings_nothing_from_its_first_exchange() -> No
     side.ask(run="first")
     side.gets(b"\x02")  # half a frame, until the time is up
     side.run(10 * SECOND)  # no reply is late any more
-    (run,) = side.engine.order
+    (run,) = side.engine.machine.order
     assert (side.outcomes[-1].outcome, side.outcomes[-1].cause) == (
         "timeout", "a frame began and was not completed in time",
     )  # fmt: skip
     side.ask(run="first")
-    assert side.engine.order == (run,), "its place in the order is kept"
+    assert side.engine.machine.order == (run,), "its place in the order is kept"
     side.run(10 * SECOND)
     assert (side.outcomes[-1].outcome, side.outcomes[-1].cause) == ("timeout", "nothing came in time")
     side.ask(run="first")
@@ -165,8 +165,8 @@ def test_a_lane_that_listens_gets_its_listener_back_beside_a_run_that_stands_by(
             side.ask(run=name)
             side.gets(reply)
         assert [outcome.ok for outcome in side.outcomes] == [True, True] * (turn + 1)
-        live = [run.kind for run in side.engine.order if run.top is not None]
-        assert live == ["listen"] and side.engine.live == 1
+        live = [run.kind for run in side.engine.machine.order if run.top is not None]
+        assert live == ["listen"] and side.engine.machine.live == 1
         side.gets(b"\x05")
         side.run(MS)
         assert side.arrived == [] and side.reasons("not_taken") == [], "the listener takes it"

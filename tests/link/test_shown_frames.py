@@ -108,7 +108,7 @@ def test_a_tape_asks_for_its_reader_once_until_it_is_read() -> None:
 def test_only_a_frame_that_depends_on_no_state_is_read_when_it_is_looked_at() -> None:
     protocol = load_protocol_text(TEXT, "shown")
     engine = Engine(protocol, compile_protocol(protocol), None)
-    assert engine.shown_later == {"told": ("wide",)}
+    assert engine.machine.shown_later == {"told": ("wide",)}
 
 
 @WAYS

@@ -100,7 +100,7 @@ class FaultWorld:
         )  # fmt: skip
         self.seen: Counter[str] = Counter()
         self.client = Client(self.protocol, codec, self.engine)
-        self.engine.ask_service = self.client.ask
+        self.engine.machine.ask_service = self.client.ask
         scope = Scope(self.protocol, role=link.asking, own=own, line=settings, params=client_params)
         frames = FrameFaults(self.protocol, codec, scope, answers=False)
         self.asking = FaultInjector(self.plan, self.clock, frames, answers=False, name="client")

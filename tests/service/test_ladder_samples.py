@@ -115,7 +115,7 @@ def test_the_connection_is_made_once(folder: Path) -> None:
     connects: list[object] = []
     at_work = Sample(folder / "lanrdwt.run.yaml")
     engine = at_work.service.channels[1].engine
-    engine.monitor = lambda seen: connects.append(seen) if seen.raw == bytes(56) else None
+    engine.machine.monitor = lambda seen: connects.append(seen) if seen.raw == bytes(56) else None
     at_work.run(3000)
     assert at_work.counts(1)[1] > 100 and len(connects) == 1
 
@@ -142,7 +142,7 @@ def test_a_full_queue_is_asked_again_after_a_pause(folder: Path) -> None:
     at_work = Sample(folder / "lanrdwt.run.yaml")
     sent: list[int] = []
     engine = at_work.service.channels[1].engine
-    engine.monitor = lambda seen: sent.append(seen.at // MS) if seen.direction == "out" else None
+    engine.machine.monitor = lambda seen: sent.append(seen.at // MS) if seen.direction == "out" else None
     at_work.run(3000)
     assert engine.status()["repeated"] == 2 and not at_work.jobs.table.log.total
     refused = [at for at in sent if at >= 2500][:3]

@@ -12,13 +12,13 @@ from typing import Any
 
 from framekit.codec.errors import FrameError
 from framekit.codec.shown import code_text, explain
+from framekit.definition.model.procedure import Session
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER, parse_format
 from framekit.link.events import (
     Ask,
     Break,
     ChangeLine,
-    Command,
     Exchange,
     LinkCounters,
     MemoryAccess,
@@ -30,9 +30,10 @@ from framekit.link.events import (
     Tape,
     outcome_of,
 )
-from framekit.link.frame_table import FrameInfo, announce
+from framekit.link.frame_table import FrameInfo, FrameTable, announce
 from framekit.link.late import LateReplies, fresh, missed
 from framekit.link.output import Output
+from framekit.link.receiver import Receiver
 from framekit.link.scope import LinkFunctions, Scope, with_date
 from framekit.link.sequences.state import (
     AGAIN,
@@ -114,63 +115,67 @@ class Queues:
         return len(self.items[name]) >= self._sizes[name]
 
 
-class Runs:
-    """The state that all runs of an engine share, and the functions that move runs on.
+class Machine:
+    """Executes the sequences of an engine: the state that all runs share, and the functions that move runs on.
 
-    `monitor` gets all records. `on_fault` gets all records but frames, `on_send` is called for each frame that is sent:
-    neither has frames decoded. `last_frame`: when the last good frame came or went.
-    `ready`: the queue of work: runs that are over, lanes in which something may begin, frames to be offered as
-    if they had arrived, QUEUES, and calls. `need_names`: the frames that
-    are built on names of the exchange. `shown_later`: the frames that can be decoded from their bytes at any later
-    time, each with the names its decoding needs.
+    The caller of its methods handles the items of `ready` next, in order.
     """
 
-    server: RequestHandler | None
-    memory: MemoryAccess | None
-    ask_service: Ask | None
-    monitor: Monitor | None
-    on_fault: Monitor | None
-    on_send: Callable[[], None] | None
-    counters: LinkCounters
-
-    def __init__(self, protocol: Protocol, scope: Scope, program: Any, is_stream: bool) -> None:
+    def __init__(
+        self, protocol: Protocol, scope: Scope, program: Any, receiver: Receiver, session: Session | None, *,
+        is_stream: bool, server: RequestHandler | None, memory: MemoryAccess | None, ask_service: Ask | None,
+        monitor: Monitor | None, on_fault: Monitor | None, on_send: Callable[[], None] | None,
+        counters: LinkCounters | None,
+    ) -> None:  # fmt: skip
         self.scope = scope
-        self.table = program.table
+        self.receiver = receiver
+        self.server = server
+        self.memory = memory
+        self.ask_service = ask_service
+        """Runs the services of `ask` steps."""
+        self.monitor = monitor
+        """Gets a record of everything."""
+        self.tape = monitor if isinstance(monitor, Tape) else None
+        """The monitor, if it records frames instead of showing them."""
+        self.on_fault = on_fault
+        """Gets all records but frames; no frame is decoded for it."""
+        self.on_send = on_send
+        """Called for each frame that a sequence sends."""
+        self.counters = LinkCounters() if counters is None else counters
+        self.table: FrameTable = program.table
         self.sequences: Mapping[str, CompiledSequence] = program.sequences
-        self.need_names, self.shown_later = program.need_names, program.shown_later
+        self.need_names = program.need_names
+        """The frames that are built on names of the exchange."""
+        self.shown_later = program.shown_later
+        """The frames that can be decoded from their bytes at any later time, each with the names that this needs."""
         self.shown_plain = frozenset(name for name in self.shown_later if not self.table.infos[name].has_lists)
         """The frames of `shown_later` that hold no lists or records."""
-        self.tape: Tape | None = None
-        """The monitor, if it records frames instead of showing them."""
         self._known_names: dict[str, tuple[int, dict[str, Any]]] = {}
         self.copies = program.changes
         """Whether sequences change fields of frames, so that each exchange has to have a request of its own."""
-        self.commands: list[Command] = []
-        self.output = Output(protocol.line, scope, self.commands, is_stream)
+        self.output = Output(protocol.line, scope, [], is_stream)
         self.late = LateReplies(protocol, scope, self.table)
         self.queues = Queues(protocol)
-        self.session = SessionState(None, scope)
+        self.session = SessionState(session, scope)
         self.last_frame = scope.now
+        """Time of the last good frame, received or sent (ns)."""
         self.ready: deque[Any] = deque()
+        """The queue of work: runs that are over, lanes that may begin an exchange, frames to be offered as if they had
+        arrived, QUEUES, and calls."""
         self.order: tuple[Run, ...] = ()
-        self.is_open = False
+        """The runs, in the order in which arriving frames are offered to them; some may be over."""
+        self.live = 0
+        """The number of runs under way."""
         self.asking: Run | None = None
+        """The run whose `ask` step starts the exchanges of the present call."""
+        self.flush: Callable[[], object] = receiver.flush
+        """Drop bytes that are no frame yet; the engine's reception takes awaited frames among them first."""
 
     def stir(self, lane: LaneState) -> None:
         """Something may begin in a lane."""
         if not lane.is_queued:
             lane.is_queued = True
             self.ready.append(lane)
-
-    # what an engine knows
-
-    def has_bytes(self) -> bool:
-        """Whether bytes are at hand that are no frame yet."""
-        raise NotImplementedError
-
-    def stream_place(self) -> int:
-        """How many bytes have been used."""
-        raise NotImplementedError
 
     # ---- going on -----------------------------------------------------------------------------------------
 
@@ -256,7 +261,7 @@ class Runs:
             return self._go_on(run, called, None, due)
         if kind is Pause:
             self._pause(run)
-            if "on_byte" in wait.events and self.has_bytes():
+            if "on_byte" in wait.events and not self.receiver.is_empty:
                 return self._go_on(run, level, BYTE, due)
         elif kind is Hold:
             run.state, run.started, run.deadline = State.HELD, self.scope.now, self.late.until
@@ -631,7 +636,7 @@ def _plain_of(value: FrameValue) -> dict[str, Any]:
 class EngineFunctions(LinkFunctions):
     """What expressions find under the name `functions`: queues, the device's memory, the clock."""
 
-    def __init__(self, machine: Runs) -> None:
+    def __init__(self, machine: Machine) -> None:
         super().__init__(machine.scope)
         self._machine = machine
 
@@ -654,7 +659,7 @@ class EngineFunctions(LinkFunctions):
 class Asked:
     """The argument of the callback of an `ask` step."""
 
-    def __init__(self, machine: Runs, run: Run, level: Level) -> None:
+    def __init__(self, machine: Machine, run: Run, level: Level) -> None:
         self.machine, self.run, self.level, self.x = machine, run, level, level.x
         self.params = level.x.params
 
@@ -680,16 +685,16 @@ def count(run: Run) -> None:
         lane.steps_since, lane.steps_done = machine.scope.now, 0
     lane.steps_done += 1
     if lane.steps_done > MOST_STEPS:
-        place = machine.stream_place()
+        place = machine.receiver.stream.offset
         if place == lane.steps_at:
             raise CircleError
         lane.steps_at, lane.steps_done = place, 0  # thousands of frames that came at once
 
 
-def listens_again(m: Runs, run: Run, x: Exchange) -> bool:
+def listens_again(m: Machine, run: Run, x: Exchange) -> bool:
     """Return whether a listener that has ended begins anew: no exchange waits for its lane. Raises CircleError."""
     lane, now = run.lane, m.scope.now
-    if lane.waiting or not m.is_open or run.top is not run.base:
+    if lane.waiting or not m.output.is_open or run.top is not run.base:
         return False
     if lane.steps_since != now:
         lane.steps_since, lane.steps_done = now, 1
@@ -720,7 +725,7 @@ def _owes_reply(run: Run, x: Exchange) -> bool:
     return x.reply is reply and x.taken is taken and not reply.was_built
 
 
-def unclear(m: Runs, step: str, error: Exception) -> bool:
+def unclear(m: Machine, step: str, error: Exception) -> bool:
     """A condition that cannot be worked out for a frame does not hold; that is shown."""
     m.show("trouble", reason=f"step {step}, condition of a row: {explain(error)}")
     return False
@@ -742,14 +747,14 @@ def begin_part(run: Run, parts: list[bytes], index: int) -> dict[str, Any]:
     return {"data": parts[index], "index": index, "last": int(not following), "next": following}
 
 
-def hold_break(m: Runs, run: Run, duration: int) -> None:
+def hold_break(m: Machine, run: Run, duration: int) -> None:
     if duration > 0 and m.output.put(Break(duration, 0, run)):
         run.unsent += 1
         if m.monitor is not None:
             m.show("break", "out")
 
 
-def change_line(m: Runs, speed: Any, format: Any) -> ChangeLine | None:
+def change_line(m: Machine, speed: Any, format: Any) -> ChangeLine | None:
     """Other speed and format when all that was sent has left; None: that is so already. None stays as it is."""
     line = m.scope.line.line
     if line is None:  # there is nothing to change on a stream
@@ -758,13 +763,13 @@ def change_line(m: Runs, speed: Any, format: Any) -> ChangeLine | None:
     return m.output.change_line(parse_format(shape, line.speed if speed is None else speed))
 
 
-def own_line(m: Runs) -> ChangeLine | None:
+def own_line(m: Machine) -> ChangeLine | None:
     """As `change_line`, to the line's own settings."""
     own = m.scope.line.own
     return None if own is None else change_line(m, own.speed, str(own).partition(" ")[2])
 
 
-def decoded(m: Runs, run: Run, names: Names, frames: tuple[str, ...], data: Any) -> FrameValue | Bad:
+def decoded(m: Machine, run: Run, names: Names, frames: tuple[str, ...], data: Any) -> FrameValue | Bad:
     """Decode bytes as the first of these frames that fits; otherwise return, count and show the fault.
 
     Raises TypeError if `data` is no bytes.
@@ -796,7 +801,7 @@ def decoded(m: Runs, run: Run, names: Names, frames: tuple[str, ...], data: Any)
     return Bad(fault.cause, frame)
 
 
-def serve(m: Runs, run: Run, x: Exchange, request: Any, buffer: bytes, station: Any, check_only: bool) -> None:
+def serve(m: Machine, run: Run, x: Exchange, request: Any, buffer: bytes, station: Any, check_only: bool) -> None:
     """Has a request done; its answer stands in `reply`, `reply_buffer` and `refusal` then."""
     if m.server is None:
         raise ValueError("nobody here serves requests")
@@ -816,7 +821,7 @@ def serve(m: Runs, run: Run, x: Exchange, request: Any, buffer: bytes, station: 
         run.owed = None if reply is None or refusal else (reply, x.taken)
 
 
-def put(m: Runs, queue: str, item: dict[str, Any], names: Names) -> None:
+def put(m: Machine, queue: str, item: dict[str, Any], names: Names) -> None:
     """Puts an item into a queue; a frame in it gets its computed fields now."""
     for value in item.values():
         if type(value) is FrameValue and value.raw is None:
@@ -826,7 +831,7 @@ def put(m: Runs, queue: str, item: dict[str, Any], names: Names) -> None:
     m.queues_changed()
 
 
-def set_field(m: Runs, holder: Any, field: str, value: Any) -> None:
+def set_field(m: Machine, holder: Any, field: str, value: Any) -> None:
     """Sets a field of a frame or a record."""
     if type(holder) is FrameValue:
         numbers = m.table.infos[holder.frame].numbers.get(field)
@@ -835,12 +840,12 @@ def set_field(m: Runs, holder: Any, field: str, value: Any) -> None:
         holder[field] = value
 
 
-def needs_names(m: Runs, value: Any) -> bool:
+def needs_names(m: Machine, value: Any) -> bool:
     """Whether a frame is built on names of the exchange."""
     return type(value) is not FrameValue or value.frame in m.need_names
 
 
-def send_value(m: Runs, run: Run, x: Exchange, value: Any, names: Names) -> tuple[bytes, FrameValue]:
+def send_value(m: Machine, run: Run, x: Exchange, value: Any, names: Names) -> tuple[bytes, FrameValue]:
     """Sends a frame value. Raises ValueError for values that the frame cannot carry."""
     if type(value) is not FrameValue:
         raise TypeError(f"{value!r} is no frame and cannot be sent")
@@ -858,7 +863,7 @@ def named(x: Exchange, own: dict[str, Any], n: Names) -> Names:
     )  # fmt: skip
 
 
-def send_made(m: Runs, run: Run, x: Exchange, value: FrameValue, names: Names) -> tuple[bytes, FrameValue]:
+def send_made(m: Machine, run: Run, x: Exchange, value: FrameValue, names: Names) -> tuple[bytes, FrameValue]:
     """Sends a frame that has been made; its fields are worked out on `names`."""
     if not x.checks_echo:
         m.table.fill_echo(value, x.answering, x.taken)
@@ -866,7 +871,7 @@ def send_made(m: Runs, run: Run, x: Exchange, value: FrameValue, names: Names) -
 
 
 def send_built(
-    m: Runs, run: Run, x: Exchange, info: FrameInfo, value: FrameValue, names: Names
+    m: Machine, run: Run, x: Exchange, info: FrameInfo, value: FrameValue, names: Names
 ) -> tuple[bytes, FrameValue]:
     """Send a frame whose fields are all given."""
     data = m.table.build(info, value, names)
