@@ -51,7 +51,6 @@ from framekit.link.sequences.state import (
     Run,
     State,
     after,
-    frame_gone,
 )
 from framekit.link.values import FrameValue, Names, plain
 
@@ -124,6 +123,7 @@ class Engine:
         )  # fmt: skip
         self.scope, self.table, self.ready, self.output = scope, machine.table, machine.ready, machine.output
         self.late, self.session, self.counters = machine.late, machine.session, machine.counters
+        self.need_names = machine.need_names
         self.receiver = receiver
         scope.update({name: name for name in protocol.queues})
         scope["functions"] = EngineFunctions(machine)
@@ -203,7 +203,7 @@ class Engine:
         self.reception.has_unread = True
         if data:
             for run in self.machine.order:
-                if run.state is PAUSING and "on_byte" in run.wait.events:
+                if run.state is PAUSING and "on_byte" in run.top.wait.events:
                     self.machine.go(run, run.top, BYTE)
         return self._finish()
 
@@ -230,17 +230,18 @@ class Engine:
         item = output.left()
         if item is None:
             return self._finish()
-        if self.reception.has_unread:
-            self.receiver.answered()
         self._has_left(item, now)
         if output.joined:
             joined, output.joined = output.joined, []
             for other in joined:
                 self._has_left(other, now)
-            return self._finish()
-        if self.is_busy or item.run is None or self.ready or self.lanes.keeps_times or self.reception.has_unread:
-            return self._finish()
-        return self._only_clocks(item.run)
+        elif item.run is None or self.is_busy or self.ready or self.lanes.keeps_times:
+            pass
+        elif not self.reception.has_unread:
+            return self._only_clocks(item.run)
+        if self.reception.has_unread:
+            self.receiver.answered()
+        return self._finish()
 
     def _only_clocks(self, run: Run) -> list[Command]:
         """Do as `_finish` where the only effect of an event is that the clock of a run begins."""
@@ -258,16 +259,19 @@ class Engine:
             if type(item) is Send and item.on_sent is not None:
                 self.ready.append(item.on_sent)
             return
-        run.unsent = unsent = run.unsent - 1 if run.unsent > 1 else 0
-        if not run.clock_waits or unsent or run.state is DONE:
+        if run.unsent > 1:
+            run.unsent -= 1
+            return
+        run.unsent = 0
+        if not run.clock_waits or run.state is DONE:
             return
         run.clock_waits, run.started = False, now
         if run.state is PAUSING:
             run.deadline = after(now, run.pause)
-        elif run.longest < NEVER:
-            run.within = now + run.longest
+        elif (longest := run.longest) < NEVER:
+            run.within = within = now + longest
             if run.candidate is None:
-                run.deadline = run.within
+                run.deadline = within
 
     def control(self, lines: Mapping[str, bool], now: int) -> list[Command]:
         """Set the control lines (cts, dsr, dcd, ri). Frames are sent only while clear-to-send is on."""
@@ -491,9 +495,8 @@ class Engine:
             self.output.commands.append(Reopen("the stream is out of step"))
         if receiver.is_idle:
             reception.has_unread = False
-            for run in machine.order:
-                if run.candidate is not None and run.state is RECEIVING:
-                    frame_gone(run, self.scope.now)
+            if reception.has_candidates:
+                reception.drop_candidates()
         else:
             reception.has_unread = True
         return True

@@ -77,9 +77,8 @@ class Lanes:
         if run is None or lane.running:
             run = self._another_run(lane, x)
         else:  # it has kept its place in the order
-            lane.spare = run.owed = run.agenda = None
-            run.exchange, run.given_up = x, False
-            run.cause, run.doing, run.unusable = "", "exchange", None
+            lane.spare = run.owed = run.unusable = None
+            run.exchange, run.given_up, run.cause = x, False, ""
             lane.running.append(run)
         run.first_open = machine.late.count
         machine.live += 1
@@ -204,7 +203,7 @@ class Lanes:
         for run in machine.order:
             if run.state is not RECEIVING:
                 continue
-            for place, (queue, room) in enumerate(run.wait.queues):
+            for place, (queue, room) in enumerate(run.top.wait.queues):
                 if queue is not None:
                     items = queues.items[queue]
                     if items and machine.go(run, run.top, Item(place, items[0])):
@@ -296,9 +295,9 @@ class Lanes:
         machine.live -= 1
         if lane.listener is run:
             lane.listener = None
-        elif run in lane.running:
+        else:
             lane.running.remove(run)
-        if lane.running or lane.listen is not None or run.unsent or run.kind != "exchange":
+        if lane.running or lane.listen is not None or run.unsent or run.agenda is not None or run.kind != "exchange":
             self._reorder()
         else:
             lane.spare = run

@@ -32,6 +32,8 @@ class Reception:
         """Frames that are wanted at any time."""
         self.has_unread = False
         """Whether bytes are at hand that the receiver has not examined, or that are no frame yet."""
+        self.has_candidates = False
+        """Whether a frame has begun to arrive for a waiting run since the receiver was without bytes."""
         self.cutting = False
         """Whether frames are broken off because a time limit has run out; they are only shown."""
         self._reported = ToldBytes()
@@ -122,11 +124,19 @@ class Reception:
         receiver = self.receiver
         is_arriving = any(name in run.expected for name in waiting)
         if is_arriving:
+            self.has_candidates = True
             limited = receiver.pauses.defines_gap and receiver.pauses.own_gap
             frame_arriving(run, receiver.waiting_since, receiver.stream.last, limited)
         else:
             frame_gone(run, self.machine.scope.now)
         return is_arriving
+
+    def drop_candidates(self) -> None:
+        """Give waiting runs the time back that a frame took which turned out to be for another run, or no frame."""
+        self.has_candidates = False
+        for run in self.machine.order:
+            if run.candidate is not None and run.state is RECEIVING:
+                frame_gone(run, self.machine.scope.now)
 
     def hand_over(self, value: FrameValue) -> None:
         """Give a frame that came by itself to `on_frame`."""

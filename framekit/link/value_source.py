@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from decimal import Decimal
 from functools import lru_cache, partial
 from types import CodeType
-from typing import Any, Protocol
+from typing import Any, NamedTuple
 
 from framekit.codec.evaluate import HOMES, LookedUp
 from framekit.codec.python.source import Source, literal, quoted
@@ -29,24 +29,15 @@ from framekit.link.values import (
 )
 
 
-class ValueNames(NameWriter, Protocol):
-    """How names are written at a place in the source."""
+class ValueNames(NamedTuple):
+    """The names at a place in the source: their writer, and the source of a mapping of all names for look-ups."""
 
-    @property
-    def known(self) -> str:
-        """Source of a mapping of all names, for functions that look names up."""
-
-
-class LookedUpNames(LookedUp):
-    """Names that are looked up in the variable `names` when the function runs."""
-
-    known = "names"
-
-    def __init__(self) -> None:
-        super().__init__(self.known)
+    writer: NameWriter
+    known: str
 
 
-LOOKED_UP = LookedUpNames()
+LOOKED_UP = ValueNames(LookedUp("names"), "names")
+"""Names that are looked up in the variable `names` when the function runs."""
 
 
 class SourceModule:
@@ -87,7 +78,7 @@ class ValueWriter:
         """Return the source of a value."""
         match value:
             case Expression():
-                return emit(value.root, names)
+                return emit(value.root, names.writer)
             case FrameOf():
                 return self.frame(value, names)
             case RecordOf(fields=fields):
@@ -101,7 +92,7 @@ class ValueWriter:
                 return f"read_as({self.layout(layout)}, {self.value(source, names)}, {names.known})"
             case EachOf(fields=fields, when=when):
                 variables = f"[Names(one, known) for known in ({names.known},) for one in known[EACH]]"
-                holds = "" if when is None else f" if {emit(when.root, LOOKED_UP)}"
+                holds = "" if when is None else f" if {emit(when.root, LOOKED_UP.writer)}"
                 return f"[{self.record(fields, LOOKED_UP)} for names in {variables}{holds}]"
         raise TypeError(f"no value of a definition: {value!r}")
 

@@ -246,7 +246,7 @@ class Machine:
         if kind is Wait:
             self._park(run, level, wait)
             return True
-        run.wait = level.wait = wait
+        level.wait = wait
         run.expected = NO_NAMES
         run.wait_number += 1
         if kind is Call:
@@ -277,7 +277,7 @@ class Machine:
     def _park(self, run: Run, level: Level, wait: Wait) -> None:
         """Let a run wait for rows."""
         x, now = level.x, self.scope.now
-        run.wait = level.wait = wait
+        level.wait = wait
         run.state, run.candidate = RECEIVING, None
         run.plan = plan = (
             (wait.plans.get(x.expected) or wait.plan(x.expected)) if level.caller is None else wait.plan_in(level)
@@ -357,7 +357,7 @@ class Machine:
             self.fail_run(run, "cancelled" if run.given_up else "late_replies")
             return True
         run.state, run.deadline, run.expected, run.candidate = State.SILENT, until, NO_NAMES, None
-        run.wait = level.wait = SILENCE
+        level.wait = SILENCE
         run.wait_number += 1
         return True
 

@@ -290,7 +290,7 @@ class Run:
         "agenda", "asked", "base", "candidate", "cause", "change", "clock_waits", "complete", "deadline", "doing",
         "doubt", "exchange", "expected", "first_open", "gap", "given_up", "kind", "lane", "longest", "machine",
         "outcome", "owed", "pause", "plan", "results", "started", "state", "top", "unsent", "unusable",
-        "wait", "wait_number", "wanted", "within",
+        "wait_number", "wanted", "within",
     )  # fmt: skip
 
     def __init__(self, machine: Any, lane: LaneState, kind: str, exchange: Exchange | None = None) -> None:
@@ -330,7 +330,6 @@ class Run:
     complete: int | None
     gap: int | None
     pause: int
-    wait: Any
     outcome: Outcome | None
     results: dict[str, Any]
     wanted: tuple[str, dict[str, Any]]
@@ -341,7 +340,7 @@ class Run:
         """Whether it is a listener in its first step."""
         return (
             self.kind == "listen" and self.state is State.RECEIVING
-            and self.top.caller is None and self.wait.index == 0
+            and self.top.caller is None and self.top.wait.index == 0
         )  # fmt: skip
 
     def calls(self) -> Iterator[Level]:

@@ -2,7 +2,7 @@
 
 Text of a definition reaches the source only by `quoted`, `literal` and the expression emitter. The table STEP_KEYS has
 the keys of a step; `compiler` makes the module of all generators. The position in a generator is a number, `pc`: a
-block runs `if pc <= N`, so the next step is fallen into, and every other step is reached by a jump.
+block runs `if pc <= N`, so later blocks are reached by falling through, and earlier blocks by `continue`.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ from framekit.link import late
 from framekit.link.awaited_replies import is_numbered
 from framekit.link.frame_table import FrameTable
 from framekit.link.sequences import runtime
-from framekit.link.value_source import SourceModule, ValueWriter
+from framekit.link.value_source import SourceModule, ValueNames, ValueWriter
 from framekit.link.variables import empty_of
 
 OF_EXCHANGE = frozenset({"request", "buffer", "expected", "station", "reply", "reply_buffer", "refusal"})
@@ -126,11 +126,6 @@ class SequenceNames:
         self.writer = writer
         self.in_row = in_row
         self.frames = frames
-
-    @property
-    def known(self) -> str:
-        """Source of the variables and the names above them, by name."""
-        return self.writer.names
 
     def name(self, node: Name) -> str:
         name, writer = node.name, self.writer
@@ -212,6 +207,10 @@ class StepWriter:
         self.received = received_variables(sequence)
         self.out = out
         self.doing = GOING
+        self._number = 0
+        """The number of the block that is being written."""
+        self._goes_back = False
+        """Whether a wait has a jump to its own block or an earlier block."""
         self._steps = {step.name: place for place, step in enumerate(sequence.steps)}
         actions = actions_of(sequence, self.step)
         self._counted = {id(action): f"c{index}_{place}" for place, action in enumerate(actions) if action.at_most}
@@ -243,12 +242,12 @@ class StepWriter:
             for key in STEP_KEYS:
                 if key.write_into(self):
                     return
-            self.leave()
+            self.leave(is_last=True)
 
     @contextmanager
     def at(self, place: int) -> Iterator[None]:
         """Write a block of source that is entered at this place of the step."""
-        number = self.index * BLOCKS + place
+        self._number = number = self.index * BLOCKS + place
         self.out.add(f"if pc <= {number}:")
         self.out.depth += 1
         self.add(f"pc = {number}")
@@ -256,8 +255,8 @@ class StepWriter:
         self.out.depth -= 1
 
     def place(self, place: int) -> None:
-        """From here on it can be gone on with at this place."""
-        number = self.index * BLOCKS + place
+        """Begin a block within the step."""
+        self._number = number = self.index * BLOCKS + place
         self.out.depth -= 1
         self.out.add(f"if pc <= {number}:")
         self.out.depth += 1
@@ -275,7 +274,8 @@ class StepWriter:
         self.out.add(text)
 
     def jump(self, place: int) -> None:
-        """Goes on somewhere else."""
+        """Write a jump to a block."""
+        self._goes_back = self._goes_back or place <= self._number
         self.add(f"pc = {place}")
         self.add("continue" if self.doing == GOING else "break")
 
@@ -294,6 +294,10 @@ class StepWriter:
         """Where a state variable is kept."""
         return "device" if self.protocol.state[variable].scope == "device" else "s"
 
+    def value_names(self, row: tuple[str, ...] | None) -> ValueNames:
+        """Return the names for values; `row`: they stand in a row for these frames."""
+        return ValueNames(SequenceNames(self, row is not None, row or ()), self.names)
+
     def expression(self, expression: Expression, row: tuple[str, ...] | None = None) -> str:
         """Source of an expression; `row`: it stands in a row for these frames."""
         return emit(expression.root, SequenceNames(self, row is not None, row or ()))
@@ -304,10 +308,10 @@ class StepWriter:
         return f"named(x, {{{', '.join(f'{quoted(name)}: {self.slot(name)}' for name in self.own)}}}, n)"
 
     def value(self, value: Value, row: tuple[str, ...] | None = None) -> str:
-        return self.values.value(value, SequenceNames(self, row is not None, row or ()))
+        return self.values.value(value, self.value_names(row))
 
     def record(self, fields: Mapping[str, Value], row: tuple[str, ...] | None = None) -> str:
-        return self.values.record(fields, SequenceNames(self, row is not None, row or ()))
+        return self.values.record(fields, self.value_names(row))
 
     # ---- set ----------------------------------------------------------------------------------------------
 
@@ -369,7 +373,7 @@ class StepWriter:
 
     def _send_made(self, value: FrameOf, row: tuple[str, ...] | None, repeats: bool) -> None:
         frame, constant = value.frame, self.module.constant
-        names = SequenceNames(self, row is not None, row or ())
+        names = self.value_names(row)
         kept = "sent = " if repeats and self.repeats else ""
         self.add(f"value = {self.values.frame(value, names, sent=True)}")
         info = self.frames.infos[frame]
@@ -466,7 +470,7 @@ class StepWriter:
             self.place(WAIT)
         self.limits()
         self.add(f"got = yield {name}")
-        self.doing = WAITING
+        self.doing, self._goes_back = WAITING, False
         with self.out.block("while True:"):
             if rows or sequence.always:
                 with self.out.block("if type(got) is FrameValue:"):
@@ -494,7 +498,8 @@ class StepWriter:
                         self.handle(event, handlers[event])
             self.add("got = yield NOT_TAKEN")
         self.doing = GOING
-        self.add("continue")
+        if self._goes_back:
+            self.add("continue")
 
     def rows(self, rows: list[Row], event: str) -> None:
         """Tries rows on the frame that has come, in their order."""
@@ -579,17 +584,18 @@ class StepWriter:
         fields = [f"{quoted(name)}: {self.expression(one)}" for name, one in self.sequence.gives.items()]
         self.add(f"return {{{', '.join(fields)}}}")
 
-    def to_index(self, index: int) -> None:
-        """On to a step."""
+    def to_index(self, index: int, is_last: bool = False) -> None:
+        """Write the way to a step. `is_last`: at the end of the block, where the next step is fallen into."""
         if index >= len(self.sequence.steps):
             self.end()
             return
         if index <= self.index:
             self.add("count(run)")
-        self.jump(index * BLOCKS)
+        if not is_last or index != self.index + 1:
+            self.jump(index * BLOCKS)
 
-    def leave(self, handler: bool = False) -> None:
-        """Write the end of the step: its next piece, or the jump to the next step."""
+    def leave(self, handler: bool = False, is_last: bool = False) -> None:
+        """Write the end of the step: its next piece, or the way to the next step (`is_last`: see `to_index`)."""
         then = self.step.then
         if handler:
             self.leaves()
@@ -602,7 +608,7 @@ class StepWriter:
             self.end()
             return
         self.reset_counters()
-        self.to_index(self.index + 1 if then == "next" else self._steps.get(then, self.index))
+        self.to_index(self.index + 1 if then == "next" else self._steps.get(then, self.index), is_last)
 
     # ---- actions ------------------------------------------------------------------------------------------
 

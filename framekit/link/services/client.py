@@ -36,7 +36,11 @@ class Starts(Protocol):
     """The part of an engine that a client needs: its names, and the start of exchanges."""
 
     @property
-    def scope(self) -> Any: ...
+    def scope(self) -> Scope: ...
+
+    @property
+    def need_names(self) -> Collection[str]:
+        """Return the frames that are built on names of an exchange."""
 
     def start(self, exchange: Exchange, now: int) -> list[Command]: ...
 
@@ -274,10 +278,10 @@ class Read:
     def plan(self, client: Client) -> TransferPlan:
         """Return the plan. Raises AddressError, ServiceError, PackingError."""
         plan = self._plan
-        if plan is None or client.lasting.settings != self._settings:
+        if plan is None or client.engine.scope.settings != self._settings:
             plan = client.planned_read(self._key, None)
             self._plan = plan if client.lasting.keeps(plan) else None
-            self._settings = client.lasting.settings
+            self._settings = client.engine.scope.settings
         return plan
 
     def start(self, client: Client, now: int, on_done: Done) -> Transfer:
@@ -288,27 +292,20 @@ class Read:
 class LastingPlans:
     """Judges which plans of reads can be carried out again: those that only parameters decide on."""
 
-    def __init__(self, scope: Names, need_names: Collection[str] | None) -> None:
-        self._scope = scope if isinstance(scope, Scope) else None
+    def __init__(self, scope: Scope, need_names: Collection[str]) -> None:
+        self._scope = scope
         self._need_names = need_names
         self._chosen: dict[RowFacts, bool] = {}
         self._lasting: dict[RowFacts, bool] = {}
 
-    @property
-    def settings(self) -> int:
-        """The number of changes of parameters so far."""
-        return 0 if self._scope is None else self._scope.settings
-
     def keeps(self, read: TransferPlan) -> bool:
         """Return whether a plan consists of the same exchanges as long as no parameter changes, and prepare it so."""
-        if self._scope is None:
-            return False
         facts = read.exchanges[0].row.facts
         rows = facts.shared.rows[facts.row.service]
-        if not all(self._is_chosen_the_same(row, self._scope) for row in rows):
+        if not all(self._is_chosen_the_same(row) for row in rows):
             return False
         # a frame inside a request takes note of being sent, so it cannot be sent twice
-        lasts = self._lasts(facts, self._scope) and not any(_has_parts(one.made[0]) for one in read.exchanges)
+        lasts = self._lasts(facts) and not any(_has_parts(one.made[0]) for one in read.exchanges)
         read.is_new_each_time = not lasts
         if lasts:
             self._build(read, facts.shared.table)
@@ -317,8 +314,7 @@ class LastingPlans:
     def _build(self, read: TransferPlan, table: FrameTable) -> None:
         """Encode the requests whose bytes do not depend on an exchange."""
         for request, _, _ in read.sent:
-            needing = self._need_names
-            if request is None or needing is None or request.frame in needing:
+            if request is None or request.frame in self._need_names:
                 continue
             info = table.infos[request.frame]
             if info.on_line or len(request.fields) == info.count:
@@ -327,14 +323,16 @@ class LastingPlans:
                 except EVALUATION_ERRORS:
                     continue
 
-    def _is_chosen_the_same(self, facts: RowFacts, scope: Scope) -> bool:
+    def _is_chosen_the_same(self, facts: RowFacts) -> bool:
         """Return whether parameters alone decide on a row and its cuts."""
         if facts not in self._chosen:
             row = facts.row
-            self._chosen[facts] = not any(scope.changes(it) for it in expressions_of([row.when, row.limit, row.run]))
+            self._chosen[facts] = not any(
+                self._scope.changes(it) for it in expressions_of([row.when, row.limit, row.run])
+            )
         return self._chosen[facts]
 
-    def _lasts(self, facts: RowFacts, scope: Scope) -> bool:
+    def _lasts(self, facts: RowFacts) -> bool:
         """Return whether a row's request depends on parameters alone."""
         if facts not in self._lasting:
             protocol, sent = facts.shared.protocol, [facts.row.request, facts.row.buffer]
@@ -342,7 +340,7 @@ class LastingPlans:
                 *(protocol.frames[part.frame].segments for part in parts_of(sent, FrameOf)),
                 *(protocol.layouts[part.layout].segments for part in parts_of(sent, LayoutOf)),
             ]
-            self._lasting[facts] = not any(scope.changes(part) for part in expressions_of([sent, made]))
+            self._lasting[facts] = not any(self._scope.changes(part) for part in expressions_of([sent, made]))
         return self._lasting[facts]
 
 
@@ -490,7 +488,7 @@ class Client:
         errors = ErrorReader(self.shared)
         default = protocol.station.default
         self._default_station = None if default is None else compile_expression(default)(Names())
-        self.lasting = LastingPlans(engine.scope, getattr(engine, "need_names", None))
+        self.lasting = LastingPlans(engine.scope, engine.need_names)
         self._reads: dict[ReadKey, Read] = {}
         self._rows = {facts: ClientRow(facts, errors) for rows in self.shared.rows.values() for facts in rows}
 

@@ -419,7 +419,7 @@ class RowWriter:
                     each.values.setdefault(name, repr(value))
                 place = self._target(each)
                 if when is not None:
-                    self.unfit_if(f"not {self.worked_out(self.values.value(when, Written(each)))}")
+                    self.unfit_if(f"not {self.worked_out(self.values.value(when, each.names))}")
                 if place is not None:
                     self._note_target(each, place, f"Names({each.items}, reading.names)")
         self._solve(level)
@@ -528,7 +528,7 @@ class RowWriter:
         for inverse, actual in level.pending:
             if inverse.name in self.back:
                 continue
-            value = self.worked_out(inverse.source(actual, lambda other: self.values.value(other, Written(level))))
+            value = self.worked_out(inverse.source(actual, lambda other: self.values.value(other, level.names)))
             if inverse.name in level.values:
                 self.unfit_if(f"{level.values[inverse.name]} != {value}")
             else:
@@ -604,11 +604,11 @@ class RowWriter:
         """Writes condition, refusals, the transfer and the reply."""
         level, out, row = self.level, self.out, self.row
         if self.matching.when is not None:
-            holds = self.worked_out(self.values.value(self.matching.when, Written(level)))
+            holds = self.worked_out(self.values.value(self.matching.when, level.names))
             self.unfit_if(f"not {holds}")
         for rule in row.refuse:
-            with out.block(f"if {self.values.value(rule.when, Written(level))}:"):
-                out.add(f"raise RefusedError(int({self.values.value(rule.code, Written(level))}))")
+            with out.block(f"if {self.values.value(rule.when, level.names)}:"):
+                out.add(f"raise RefusedError(int({self.values.value(rule.code, level.names)}))")
         if place is not None:
             self._check(place)
         if row.service == "read":
@@ -630,7 +630,7 @@ class RowWriter:
             if reply.when is None:
                 self._reply(reply.frame, reply.buffer)
                 return
-            with out.block(f"if {self.values.value(reply.when, Written(level))}:"):
+            with out.block(f"if {self.values.value(reply.when, level.names)}:"):
                 self._reply(reply.frame, reply.buffer)
         out.add("return Served(None)")
 
@@ -671,7 +671,7 @@ class RowWriter:
         return data
 
     def _reply(self, frame: FrameOf | None, buffer: Value | None) -> None:
-        reply, names = "None", Written(self.level)
+        reply, names = "None", self.level.names
         if frame is not None:
             reply = self.variable()
             self.out.add(f"{reply} = {self.values.value(frame, names)}")

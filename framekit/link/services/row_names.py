@@ -7,6 +7,7 @@ from typing import Any
 
 from framekit.codec.evaluate import LookedUp
 from framekit.definition.expression import Name
+from framekit.link.value_source import ValueNames
 from framekit.link.values import Inverse, Names
 
 PARAMETERS = ("request", "buffer", "station")
@@ -62,6 +63,11 @@ class WriterLevel:
         """Source of `Names` with all known names."""
         return f"Names({self.items}, {KNOWN})" if self.parts or self.values else KNOWN
 
+    @property
+    def names(self) -> ValueNames:
+        """The names for values that are written at this level."""
+        return ValueNames(Written(self), self.known)
+
 
 class Written(LookedUp):
     """Names at a level: variables if they are known, else looked up in the names of the engine.
@@ -73,11 +79,6 @@ class Written(LookedUp):
         super().__init__("names")
         self.level = level
         self.item = level.item if of_item else "None"
-
-    @property
-    def known(self) -> str:
-        """Source of `Names` with all known names."""
-        return self.level.known
 
     def name(self, node: Name) -> str:
         known = self._known(node)
