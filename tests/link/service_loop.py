@@ -56,6 +56,7 @@ class Loop:
         self.protocol, codec = codec_of(protocol)
         self.table = FrameTable(self.protocol, codec)
         self.scope = Scope(self.protocol, role=client_role, own=own, params=params)
+        self.need_names = frozenset(self.protocol.frames)
         self.device = Scope(self.protocol, role=role, own=own, params=params)
         self.device["functions"] = SimpleNamespace(with_date=with_date)
         self.troubles: list[str] = []
