@@ -13,6 +13,7 @@ import inspect
 import math
 import weakref
 from collections.abc import Callable, Coroutine, Generator, Hashable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Concatenate, ParamSpec, Self, TypeVar, overload
 
@@ -137,15 +138,15 @@ class AsyncClient:
             self._monitor(Seen("", "trouble", 0 if self._service is None else self._service.clock.now(), reason=what))
 
     def _new_trouble(self) -> Callable[[], str]:
-        """Return a function that gives the last failure of a simulated device since its previous call; '' for none."""
-        told = self._troubles
+        """Return a function that returns the last failure of a simulated device since its last call, or ''."""
+        seen = self._troubles
 
-        def tell() -> str:
-            nonlocal told
-            before, told = told, self._troubles
-            return self._last_trouble if told > before else ""
+        def trouble() -> str:
+            nonlocal seen
+            before, seen = seen, self._troubles
+            return self._last_trouble if seen > before else ""
 
-        return tell
+        return trouble
 
     async def close(self) -> None:
         """Close the port; calls under way raise LineClosedError. A second call has no effect.
@@ -250,7 +251,9 @@ class AsyncClient:
             begin = lambda client, now, done: client.read(  # noqa: E731 - the read of `_how` has no parameters
                 address, station=to, unit=how.unit, count=how.units, params=given, now=now, on_done=done
             )
-        return self._reading(how, await self._transfer(service, begin), (address,), to)
+        result = await self._transfer(service, begin)
+        data = result.data
+        return Reading(tuple(answered(how.values, data, result.values)), how.type, (address,), to, data, result.raw)
 
     def place(self, address: str) -> Address:
         """Return the place of an address, and its usual type. Raises RequestError, LineClosedError."""
@@ -323,11 +326,6 @@ class AsyncClient:
         )
         values = tuple(answered(how.values, result.values))
         return Reading(values, how.type, tuple(addresses), to, result.data, result.raw)
-
-    @staticmethod
-    def _reading(how: Typed, result: TransferResult, addresses: tuple[str, ...], station: Any) -> Reading[Any]:
-        values = tuple(answered(how.values, result.data, result.values))
-        return Reading(values, how.type, addresses, station, result.data, result.raw)
 
     # ---- writing ------------------------------------------------------------------------------------------
 
@@ -444,14 +442,15 @@ class AsyncClient:
         """Start a transfer and wait for it. Raises the error of the transfer."""
         trouble = self._new_trouble() if self._devices else str
         future: asyncio.Future[TransferResult] = asyncio.get_running_loop().create_future()
+        done = partial(_settle, future)
         try:
-            request = service.request(begin, lambda result: None if future.done() else future.set_result(result))
+            request = service.request(begin, done)
         except (ValueError, DeviceMemoryError) as error:
             raise RequestError(str(error)) from None
         try:
             result = await future
         except asyncio.CancelledError:
-            service.give_up(request)
+            service.give_up(request, done)
             raise
         if not result.ok:
             raise error_of(result, trouble())
@@ -653,6 +652,12 @@ def _check_callback(name: str, callback: object) -> None:
             f"{name} has to be a plain function: it is called, not awaited – for tasks, hand over an asyncio.Queue's "
             "put_nowait"
         )
+
+
+def _settle(future: asyncio.Future[TransferResult], result: TransferResult) -> None:
+    """Set the result of a future, unless its waiter has been cancelled."""
+    if not future.done():
+        future.set_result(result)
 
 
 def frame_of(value: FrameValue) -> Frame:

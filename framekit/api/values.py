@@ -21,20 +21,19 @@ T = TypeVar("T")
 P = ParamSpec("P")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class Reading(Sequence[T], Generic[T]):
-    """Values that were read, in the order asked: a sequence, equal to a list or tuple of the same values.
-
-    `type` is the unit or type they have, `addresses` where they were read, `station` from whom, `data` the same in
-    device memory's form (low byte first, bits packed), `raw` the bytes of the last reply frame.
-    """
+    """Values that were read, in the order of the call: a sequence, equal to a list or tuple of the same values."""
 
     values: tuple[T, ...]
     type: str
+    """Their unit or type."""
     addresses: tuple[str, ...]
     station: Any
     data: bytes
+    """The values in the form of device memory: low byte first, bits packed."""
     raw: bytes = b""
+    """The bytes of the last reply frame."""
 
     @property
     def value(self) -> T:
@@ -86,14 +85,14 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """Result of a service: `results` by the names the protocol gives them, and its reply frame, if any.
-
-    `raw`: the bytes received last; the reply may be a frame inside them.
-    """
+    """The results of a service."""
 
     results: Mapping[str, Any] = field(default_factory=dict)
+    """The results by their names in the protocol."""
     reply: Frame | None = None
+    """The reply frame, which may be a frame inside `raw`."""
     raw: bytes = b""
+    """The bytes of the last frame received."""
 
     def __getitem__(self, name: str) -> Any:
         return self.results[name]

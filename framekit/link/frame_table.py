@@ -5,7 +5,7 @@ Made once for a codec, which is known only by the contract below.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import lru_cache, partial
 from typing import Any, Protocol, TypeVar, TypeVarTuple, Unpack
@@ -118,6 +118,13 @@ def _passes(inner: Any, known: Mapping[str, EchoTest], asked: FrameValue | None,
     if test is not None and not test(inner.fields, asked, sent):
         return False
     return not inners or all(_passes(inner.fields[name], known, asked, sent) for name in inners)
+
+
+def _mark_inner(
+    inner: FrameValue, name: str, own: FrameInfo | None, outer: FrameInfo, data: bytes, names: Context
+) -> None:
+    """Note for a frame in a field of an outer frame that it has become bytes; no reference leads to the outer value."""
+    inner.rest = outer, data, names, name, own.usual_in(inner, names) if own and own.usual else NO_VALUES
 
 
 class FrameInfo:
@@ -475,7 +482,7 @@ class FrameTable:
             data = info.encode(fields, names)
         elif name is None or type(inner := fields.get(name)) is not FrameValue:
             data = info.encode(plain(fields), names)
-            self._mark_inner(info, value, data, names)
+            self._mark_inners(info, value, data, names)
         elif inner.built is not None:
             data = info.encode({**fields, name: {"unknown": {"data": inner.built}}}, names)
         else:
@@ -485,13 +492,7 @@ class FrameTable:
             else:
                 data = info.encode({**fields, name: plain(inner)}, names)
             if inner.raw is None:
-                inner.rest = (
-                    info,
-                    data,
-                    names,
-                    name,
-                    below.usual_in(inner, names) if below and below.usual else NO_VALUES,
-                )
+                _mark_inner(inner, name, below, info, data, names)
         value.raw, value.rest = data, (info, data, names, None, NO_VALUES)
         if info.announces:
             value.complete()
@@ -501,23 +502,16 @@ class FrameTable:
         """Note that a value has become these bytes: from now on it holds them, and every field as sent."""
         info = self.infos[value.frame]
         value.raw, value.rest = data, (info, data, names, None, NO_VALUES)
-        self._mark_inner(info, value, data, names)
+        self._mark_inners(info, value, data, names)
         if info.announces:
             value.complete()
 
-    def _mark_inner(self, info: FrameInfo, value: FrameValue, data: bytes, names: Context) -> None:
-        """Note for the frames inside a value that they have become bytes with it; no reference leads to the value."""
+    def _mark_inners(self, info: FrameInfo, value: FrameValue, data: bytes, names: Context) -> None:
+        """Note for the frames inside a value that they have become bytes with it."""
         for name in info.inners:
             inner = value.fields.get(name)
             if type(inner) is FrameValue and inner.raw is None:
-                below = self.infos.get(inner.frame)
-                inner.rest = (
-                    info,
-                    data,
-                    names,
-                    name,
-                    below.usual_in(inner, names) if below and below.usual else NO_VALUES,
-                )
+                _mark_inner(inner, name, self.infos.get(inner.frame), info, data, names)
 
     def fill_echo(self, reply: FrameValue, *requests: FrameValue | None) -> None:
         """Fill the fields of a reply, and of frames inside, that repeat the first request that has them."""
@@ -580,11 +574,20 @@ class FrameTable:
         return ""
 
     def _learn(self, reply: FrameValue, known: dict[str, EchoTest], kinds: tuple[str | None, str | None]) -> None:
-        """Make the tests of a reply and of the frames inside; where there are some, those with computed fields."""
-        known[reply.frame] = _, inners = self._echo_test(reply.frame, *kinds, has_computed=reply.frame in known)
-        for inner in (reply.fields.get(name) for name in inners):
+        """Make the tests that a reply and the frames inside lack; if they lack none, the tests with computed fields."""
+        frames = list(self._with_inners(reply))
+        missing = [name for name in frames if name not in known]
+        for name in missing or frames:
+            known[name] = self._echo_test(name, *kinds, has_computed=not missing)
+
+    def _with_inners(self, reply: FrameValue) -> Iterator[str]:
+        """Yield the names of the kinds of a frame and of the frames inside it."""
+        yield reply.frame
+        info = self.infos.get(reply.frame)
+        for name in () if info is None else info.inners:
+            inner = reply.fields.get(name)
             if type(inner) is FrameValue:
-                self._learn(inner, known, kinds)
+                yield from self._with_inners(inner)
 
     def _echo_test(self, reply: str, asked: str | None, sent: str | None, *, has_computed: bool = False) -> EchoTest:
         """Return the test of a reply to such frames; it raises KeyError where `_repeats` has to decide.

@@ -157,8 +157,8 @@ class Area:
         return f"<area {self.name}: {self.size} × {self.unit}, {self.access}>"
 
     def anew(self) -> Area:
-        """Return an area with the same properties and all bits 0."""
-        return Area(self.name, size=self.size, unit=self.unit, access=self.access, aliases=self.aliases)
+        """Return an area of this kind, with the same properties, filled with 0."""
+        return type(self)(self.name, size=self.size, unit=self.unit, access=self.access, aliases=self.aliases)
 
     @property
     def size_bytes(self) -> int:
@@ -419,32 +419,19 @@ class OrderedArea(Area):
 class LateArea(Area):
     """An area whose owner writes a part of it late: before the area is read, written or watched.
 
-    Before there is an owner it is an area like any other; functions that it has handed out until then ask no owner.
+    Without an owner it behaves as `Area`; functions that it returned before `own` do not call the owner.
     """
 
-    __slots__ = ("_bring", "_watched")
-
-    def __init__(
-        self,
-        name: str,
-        *,
-        size: int,
-        unit: str | int = "word",
-        access: Literal["rw", "read"] = "rw",
-        aliases: Iterable[str] = (),
-    ) -> None:
-        super().__init__(name, size=size, unit=unit, access=access, aliases=aliases)
-        self._bring: Callable[[], None] | None = None
-        self._watched: Callable[[], None] | None = None
+    _bring: Callable[[], None] | None = None
+    """Let the owner write the late part."""
+    _watched: Callable[[], None] | None = None
+    """Report a new watch to the owner."""
 
     def own(self, bring: Callable[[], None], watched: Callable[[], None]) -> None:
         """Call `bring` before each access, so that the owner writes pending values; call `watched` before a new
         watch.
         """
         self._bring, self._watched = bring, watched
-
-    def anew(self) -> LateArea:
-        return LateArea(self.name, size=self.size, unit=self.unit, access=self.access, aliases=self.aliases)
 
     def _up_to_date(self) -> None:
         if self._bring is not None:

@@ -132,12 +132,11 @@ class ClientService:
         self.driver.carry_out(transfer.commands)
         return transfer
 
-    def give_up(self, transfer: Transfer) -> None:
-        """Give up a transfer: it sends no further requests, and the line is free once its reply has arrived or is
-        late.
-        """
-        transfer.given_up = True
-        self.driver.do(lambda now: self.engine.give_up(transfer, now))
+    def give_up(self, transfer: Transfer, on_done: Done) -> None:
+        """Give a transfer up, unless it has ended: its reply is awaited, and no further request is sent."""
+        if transfer.reports_to(on_done):
+            transfer.given_up = True
+            self.driver.do(lambda now: self.engine.give_up(transfer, now))
 
     def _slow(self, station: SlowStation, is_slow: bool) -> None:
         if is_slow:
@@ -231,7 +230,7 @@ class Polling:
         self._alarm.cancel()
         request, self._request = self._request, None
         if request is not None:
-            self._service.give_up(request)
+            self._service.give_up(request, self._told)
 
     def _next(self) -> None:
         try:

@@ -268,12 +268,14 @@ class TransferPlan:
 class Read:
     """A read by its arguments. Its plan is kept until a parameter changes, if only parameters decide on it."""
 
-    __slots__ = ("_key", "_plan", "_settings")
+    __slots__ = ("_key", "_plan", "_settings", "spare")
 
     def __init__(self, key: ReadKey) -> None:
         self._key = key
         self._plan: TransferPlan | None = None
         self._settings = -1
+        self.spare: Transfer | None = None
+        """A finished transfer that can be begun again."""
 
     def plan(self, client: Client) -> TransferPlan:
         """Return the plan. Raises AddressError, ServiceError, PackingError."""
@@ -286,7 +288,12 @@ class Read:
 
     def start(self, client: Client, now: int, on_done: Done) -> Transfer:
         """Begin the read, as `Client.read`."""
-        return Transfer(self.plan(client), client.engine, now, on_done)
+        plan, spare = self.plan(client), self.spare
+        if spare is not None:
+            self.spare = None
+            if spare.again(plan, now, on_done) is not None:
+                return spare
+        return Transfer(plan, client.engine, now, on_done, self)
 
 
 class LastingPlans:
@@ -360,11 +367,15 @@ class Transfer(Exchange):
 
     __slots__ = (
         "__weakref__", "_data", "_done", "_engine", "_gives", "_goes_on", "_going", "_made", "_next", "_plan",
-        "_written", "commands", "given_up",
+        "_read", "_written", "commands", "given_up",
     )  # fmt: skip
 
-    def __init__(self, plan: TransferPlan, engine: Starts, now: int, on_done: Done) -> None:
+    def __init__(
+        self, plan: TransferPlan, engine: Starts, now: int, on_done: Done, read: Read | None = None
+    ) -> None:  # fmt: skip
         self._plan, self._engine, self._done = plan, engine, on_done
+        self._read = read
+        """The read that may begin it again."""
         self._made = plan.made() if plan.is_new_each_time else plan.sent
         self._next = self._written = 0
         self.given_up = False
@@ -399,7 +410,12 @@ class Transfer(Exchange):
             return None
         self.request, self.buffer, self.run = self._made[0]
         self._done, self._next, self.given_up = on_done, 1, False
-        return self._engine.start(self, now)
+        self.commands = commands = self._engine.start(self, now)
+        return commands
+
+    def reports_to(self, on_done: Done) -> bool:
+        """Return whether it is under way for the caller that gave this callback."""
+        return self._done == on_done
 
     def succeeded(self, results: dict[str, Any]) -> None:
         """Read the reply, and go on with the next exchange or end."""
@@ -438,10 +454,13 @@ class Transfer(Exchange):
 
     def brought(self, data: bytes, reply: FrameValue | None, buffer: bytes, done: Done) -> None:
         """Report the data of one place that a single exchange has read; they have the size that was requested."""
-        numbers = self._plan.numbers
-        assert numbers is not None  # the plan `is_single`
-        values = list(numbers(data))
-        done(TransferResult(True, values, data, "", "", None, "", 1, 0, {}, reply, self.raw, buffer))
+        numbers, taken = self._plan.numbers, self.taken
+        assert numbers is not None and taken is not None  # the plan `is_single`
+        if self._read is not None:
+            self._read.spare = self
+        done(
+            TransferResult(True, list(numbers(data)), data, "", "", None, "", 1, 0, {}, reply, taken.raw or b"", buffer)
+        )
 
     def ended(self, outcome: Outcome) -> None:
         """End with a failure; if the reply is a refusal, with its code."""
