@@ -240,6 +240,7 @@ def aserve(
     sizes: Mapping[str, int] | None = None,
     map: Mapping[str, str] | None = None,
     params: Mapping[str, Any] | None = None,
+    state: Mapping[str, Any] | None = None,
     role: str | None = None,
     speed: int | None = None,
     format: str | None = None,
@@ -265,6 +266,7 @@ def aserve(
         sizes={name: _text(value) for name, value in (sizes or {}).items()},
         params={name: _text(value) for name, value in (params or {}).items()},
         mapping=dict(map or {}),
+        state=dict(state or {}),
     )
     names = [device] if isinstance(device, (str, Path)) else list(device)
     found = [one for name in names for one in load_devices(name, Path.cwd(), settings)]
@@ -357,7 +359,8 @@ def serve(server: AsyncServer) -> Server:
     for `connect`. `station`: a number, or a list for as many devices. `memory`: a profile, instead of the protocol's
     own areas; `map`: places in it at which areas of the protocol begin. `initial`: ADDRESS → value or values. `sizes`:
     ADDRESS → elements of its area, also of an area that the protocol lacks by itself. `texts`: as `initial`, with texts
-    in the form of device files. `params`, `role`, `speed`, `format`, `monitor`: as for `connect`. `faults`: a plan of
+    in the form of device files. `state`: NAME → start value of a state variable, also a dict for a table or record, and
+    a list. `params`, `role`, `speed`, `format`, `monitor`: as for `connect`. `faults`: a plan of
     faults in the transmissions of the devices. `idle_timeout` (seconds, a time such as `10 min`, or `never`): longest
     time of a connection without a good frame; `connections`: largest number for one client address; `allow`: addresses
     and networks of clients that may connect, such as `192.168.1.0/24`, instead of those in device files. `read_only`:

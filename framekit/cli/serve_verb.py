@@ -68,6 +68,10 @@ def add_serve_arguments(parser: argparse.ArgumentParser) -> None:
         help="start value in memory; may be repeated",
     )  # fmt: skip
     add(parser, "--param")
+    parser.add_argument(
+        "--state", action="append", default=[], metavar="NAME=VALUE",
+        help="start value of a state variable, such as passwords='{2: SECRET}'; may be repeated",
+    )  # fmt: skip
     parser.add_argument("--faults", metavar="PLAN", help="fault plan: what goes wrong with what the devices send")
     parser.add_argument("--role", help="role it plays; default: the one that answers")
     add(parser, "--speed", "--format")
@@ -117,6 +121,7 @@ def server_of(arguments: argparse.Namespace) -> AsyncServer:
         "texts": _assigned(arguments.set, "ADDRESS=VALUE"),
         "sizes": _assigned(arguments.size, "ADDRESS=N"),
         "params": _assigned(arguments.param, "NAME=VALUE"),
+        "state": _assigned(arguments.state, "NAME=VALUE"),
         "map": _assigned(arguments.map, "AREA=ADDRESS"),
         "read_only": arguments.read_only,
         "allow": [one for text in arguments.allow for one in text.split(",")],

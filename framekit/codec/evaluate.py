@@ -102,6 +102,8 @@ def start_values(protocol: model.Protocol) -> dict[str, Any]:
             known[variable.name] = {}
         elif variable.announced:
             known[variable.name] = None
+        elif variable.given is not None:
+            continue
         elif variable.initial is None:
             known |= _empty(variable)
         else:

@@ -1,8 +1,8 @@
-"""The protocol-level names of one engine: parameters, state, tables, the times of its line, and what is built in.
+"""The protocol-level names of one engine: parameters, state, tables, the times of its line, and built-in names.
 
-Levels above (what a service row offers, a sequence's variables, what just arrived) have this as their last parent.
-It knows no sequences and no wire; the time is told to it. The clock of a simulated device runs with that time, can be
-set, and starts where it is told to: no clock of the computer is read.
+Levels above (the names of a service row, the variables of a sequence, an arrived frame) have this as their last parent.
+It knows no sequences and no wire; callers pass the time. The clock of a simulated device runs with that time, can be
+set, and starts at a given time: the clock of the computer is not read.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from framekit.definition.expression import ENGINE_FUNCTIONS, Call, Expression, i
 from framekit.definition.model.checks import ready_methods
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import StateVariable
+from framekit.definition.start_values import StartValues, empty_record
 from framekit.definition.times import LineFormat
 from framekit.link.values import Formula, Names, attribute, compile_expression, compile_optional
 from framekit.link.variables import (
@@ -27,7 +28,6 @@ from framekit.link.variables import (
     check_value,
     depending,
     empty_of,
-    empty_record,
     fit_of,
     given_value,
     lasting,
@@ -147,7 +147,7 @@ class DeviceClock:
 
 
 class DeviceState(Names):
-    """Variables of scope `device` by name, put in by the first engine that has this one.
+    """Variables of scope `device` by name, filled by the first engine of the device.
 
     `changes` grows whenever one of them changes; `clock` is None until an engine has begun.
     """
@@ -209,7 +209,7 @@ class Scope(Names):
         self.writes = 0
         self.settings = 0
         self.followers: list[ref[Scope]] = []
-        """Names that belong to this line beside its protocol's own: their sessions end with its."""
+        """Further names of this line: their sessions end with the session of the line."""
         self._overrides: list[dict[str, Any]] = []
         self._beneath: dict[str, Any] = {}
         if self.device.clock is None:
@@ -251,7 +251,7 @@ class Scope(Names):
         return found
 
     def _put(self, name: str, value: Any) -> None:
-        """A variable becomes `value`, where it is kept."""
+        """Set a variable at its keeper."""
         if name in self.device:
             self.device[name] = value
             self.device.changes += 1
@@ -312,6 +312,8 @@ class Scope(Names):
     def _start_value(self, variable: StateVariable) -> Any:
         initial = compile_optional(variable.initial)
         fit = self._fits[variable.name]
+        if variable.given is not None:
+            return self._given_start(variable)
         if variable.keys is not None:
             fill = None if initial is None else lambda: fit(initial(self))
             return StateTable(variable.keys, fit_of(variable.type, size=variable.size), fill)
@@ -324,8 +326,18 @@ class Scope(Names):
             return empty_record(layout.segments)
         return empty_of(variable.type, variable.size)
 
+    def _given_start(self, variable: StateVariable) -> Any:
+        """Return the start value of a variable that is given as constants."""
+        value = StartValues(self.protocol.layouts).of(variable)
+        if variable.keys is None:
+            return self._fits[variable.name](value)
+        table = StateTable(variable.keys, fit_of(variable.type, size=variable.size), None)
+        for key, entry in (value or {}).items():
+            table.put(key, entry)
+        return table
+
     def changes(self, expression: Expression) -> bool:
-        """Whether what an expression comes to may change while the parameters stay as they are."""
+        """Return whether the value of an expression may change although the parameters remain."""
         root = expression.root
         if any(isinstance(node, Call) and node.function in ENGINE_FUNCTIONS for node in walk(root)):
             return True
@@ -362,9 +374,9 @@ class Scope(Names):
         return found
 
     def override(self, given: Mapping[str, Any]) -> Callable[[], None]:
-        """Gives parameters other values for a while; what it returns gives them back, in whatever order others do.
+        """Give parameters other values; the result restores the previous values, independently of other overrides.
 
-        Raises ParameterError, KeyError for what is no parameter; then nothing has changed.
+        Raises ParameterError, KeyError for unknown parameters, without any change.
         """
         for name in given.keys() - self.protocol.params.keys():
             raise KeyError(name)

@@ -1,7 +1,7 @@
-"""Variables and parameters: what a new one holds, how a value fits into its width, which given values one takes.
+"""Variables and parameters: the content of a new variable, fitting of values to their width, checks of given values.
 
 Used for state, for local variables of sequences, for tables and parameters. No scopes, sequences or wire are known
-here, nor where a given value comes from, nor the formulas that stand in for those not given.
+here, nor the origin of a given value, nor the formulas of values that are not given.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from framekit.codec.support import exact_decimal
 from framekit.definition.expression import ENGINE_FUNCTIONS, Call, Expression, names_in, parse_expression, walk
 from framekit.definition.load.reader import parse_bytes, parse_constant, parse_flag, parse_number
 from framekit.definition.model.sections import Parameter
-from framekit.definition.model.segments import Data, Field, Segment
 from framekit.definition.model.values import Table
 from framekit.definition.problems import NOWHERE, plural
 from framekit.definition.times import NEVER, format_time, parse_time
@@ -59,7 +58,7 @@ def _whole(value: Any) -> int:
 
 
 def _float(type_: str) -> Fit:
-    """The number of that many bits that is nearest. Raises ValueError for one that is too large."""
+    """Return the fit to the nearest number with this many bits. Raises ValueError for a number that is too large."""
     form = _FLOATS[type_]
 
     def fit(value: Any) -> Any:
@@ -121,7 +120,7 @@ _FITS: dict[str, Fit] = {
 
 
 def fit_of(type_: str, names: Mapping[int, str] | None = None, size: int | None = None) -> Fit:
-    """How values fit a variable of this type; `names` of its numbers may be given instead of them.
+    """Return the fit of a variable of this type; `names` of its numbers are accepted, too.
 
     `size`: bytes of this length only.
     """
@@ -141,7 +140,7 @@ def fit_of(type_: str, names: Mapping[int, str] | None = None, size: int | None 
 
 
 def empty_of(type_: str, size: int | None = None) -> Any:
-    """What a variable of this type holds before anything is put into it; records and frames hold nothing."""
+    """Return the content of a new variable of this type; None for records and frames."""
     if type_ in _FLOATS:
         return 0.0
     if _INTEGER.fullmatch(type_) or type_ in ("flag", "number", "decimal", "time"):
@@ -151,33 +150,6 @@ def empty_of(type_: str, size: int | None = None) -> Any:
     if type_ == "bytes":
         return bytes(size or 0)
     return [] if type_ == "list" else None
-
-
-def empty_record(segments: tuple[Segment, ...]) -> dict[str, Any]:
-    """A record of a layout with nothing in it: numbers 0, texts and lists empty, bytes zero."""
-    record: dict[str, Any] = {}
-    for segment in segments:
-        if isinstance(segment, Field):
-            record[segment.name] = _empty_field(segment)
-        elif isinstance(segment, Data):
-            record[segment.name] = bytes(segment.size) if isinstance(segment.size, int) else b""
-        elif segment.is_record:
-            record.update(dict.fromkeys(segment.value_names, empty_record(segment.members)))
-        elif segment.is_list:
-            record.update((name, []) for name in segment.value_names)
-        else:
-            record.update((name, 0) for name, _ in segment.numbers_with_names())
-            record.update(empty_record(segment.usual_block))
-    return record
-
-
-def _empty_field(segment: Field) -> Any:
-    kind = segment.type.kind
-    if kind == "ascii":
-        return ""
-    if kind == "bytes":
-        return bytes(segment.type.fixed_size or 0)
-    return 0.0 if kind == "float" else 0
 
 
 class StateTable(dict[Any, Any]):
@@ -201,6 +173,12 @@ class StateTable(dict[Any, Any]):
 
     def __contains__(self, key: object) -> bool:
         return dict.__contains__(self, key) or (self.initial is not None and self._in_range(key))
+
+    def items(self) -> Any:
+        """Return all entries; with an initial value, one for each key of the range."""
+        if self.initial is None:
+            return super().items()
+        return [(key, self[key]) for key in range(self.limits[0], self.limits[1] + 1)]
 
     def get(self, key: Any, default: Any = None) -> Any:
         try:
@@ -329,7 +307,7 @@ def _take_number(value: Any) -> int:
 
 
 def _take_decimal(value: Any) -> int | Decimal:
-    """A number that may have a fraction, exactly; whole ones stay what they are."""
+    """Return a number that may have a fraction, exactly; whole numbers remain whole."""
     if isinstance(value, int):
         return int(value)
     try:

@@ -36,6 +36,7 @@ from framekit.run.model import FaultPlan, Network, OwnPlace
 from framekit.run.own_memory import AnyAddresses, ProtocolAddresses, addresses_of
 from framekit.runfile.behave import BehaveLoader
 from framekit.runfile.channels import needs_station, read_clients, read_mapping, read_params, read_station
+from framekit.runfile.device_state import with_state
 from framekit.runfile.fault_plans import load_fault_plan, mismatches, read_fault_plan
 from framekit.runfile.transfers import number_for
 
@@ -118,7 +119,8 @@ def load_devices(name: str | Path, folder: Path, settings: DeviceSettings | None
     with suppress(Broken):
         definition = _definition(reader, documents, name, folder)
         if settings is not None:
-            definition = replace(definition, root=settings.on(definition.root))
+            protocol = with_state(definition.protocol, settings.state)
+            definition = replace(definition, root=settings.on(definition.root), protocol=protocol)
         devices = _DeviceLoader(reader, definition).load()
         devices += _over_others(reader, documents, definition, devices)
     file = definition_path(name, folder) if settings is None else None  # settings go before keys of the file
@@ -350,6 +352,8 @@ class DeviceSettings:
     """Parameters: NAME → value."""
     mapping: MappingOf[str, str] = field(default_factory=dict)
     """AREA of the protocol → ADDRESS in the memory at which it begins."""
+    state: MappingOf[str, Any] = field(default_factory=dict)
+    """NAME of a state variable → its start value."""
 
     def on(self, root: MappingNode) -> MappingNode:
         """Return the file with these settings in place of its own; start values and map entries are added to the

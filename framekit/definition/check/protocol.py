@@ -22,6 +22,7 @@ from framekit.definition.model.sections import Parameter, Queue, StateVariable
 from framekit.definition.model.segments import Check, Const, Data, Field, Segment
 from framekit.definition.model.services import BlockWork, CommandRules, PlaceOf
 from framekit.definition.problems import NOWHERE, Position, Problem, did_you_mean, plural
+from framekit.definition.start_values import StartValues
 from framekit.definition.times import MOST_SPEED, format_time
 from framekit.definition.wire_types import bounds_of_bits
 
@@ -244,6 +245,10 @@ def _variable(protocol: Protocol, variable: StateVariable) -> Iterator[Problem]:
     if variable.keys is not None and not plain and type_ not in protocol.layouts:
         what = f"there is no type or layout '{type_}' for the entries of '{variable.name}'"
         yield Problem(variable.at, what, did_you_mean(type_, [*PLAIN_TYPES, *protocol.layouts]) or "write u16, text, …")
+    if variable.given is not None:
+        values = StartValues(protocol.layouts)
+        values.of(variable)
+        yield from values.problems
     number = constant_number(variable.initial)
     match = _INTEGER.fullmatch(type_)
     if number is not None and match is not None and variable.initial is not None:

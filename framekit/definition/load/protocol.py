@@ -242,7 +242,7 @@ class ProtocolLoader:
         wanted = {value.layout: value.at for value in parts_of(parts, LayoutOf)}
         wanted |= {value.layout: value.at for value in parts_of(parts, ReadAs)}
         wanted |= {area.layout: area.at for area in areas.values() if area.layout}
-        for owned in self.space.section("state").values():
+        for owned in self._joined("state").values():
             for key in ("list", "record", "holds"):
                 node = owned.entry.value.value(key) if isinstance(owned.entry.value, MappingNode) else None
                 if isinstance(node, Scalar) and node.text in self.space.section("layouts"):

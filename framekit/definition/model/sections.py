@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from framekit.definition.expression import Bytes, Expression, List, Number, Text, real_number
+from framekit.definition.given_values import GivenValue, given_value
 from framekit.definition.keys import (
     BYTE,
     EXPRESSION,
@@ -312,6 +313,22 @@ def _layout(reading: KeyReading) -> str | None:
     return reading.reader.maybe(reading.reader.text, reading.keys.get(reading.found["type"]))
 
 
+def _initial(reading: KeyReading, node: Node) -> Expression | None:
+    """Return the expression of a start value; None for a list, record or map of constants."""
+    return None if _is_given(reading, node) else _given(reading, node)
+
+
+def _given_start(reading: KeyReading) -> GivenValue | None:
+    node = reading.keys.get("initial")
+    return None if node is None or not _is_given(reading, node) else given_value(node)
+
+
+def _is_given(reading: KeyReading, node: Node) -> bool:
+    if "table" in reading.keys:
+        return isinstance(node, Keys)
+    return not isinstance(node, Scalar) and reading.found["layout"] is not None
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StateVariable:
     """A variable of the link. `keys` makes it a table with that range of keys; `layout` gives its records their shape.
@@ -327,7 +344,8 @@ class StateVariable:
     values: Mapping[int, str] | None = key("values", VALUE_NAMES, default=None)
     type: str = keys({"type": {}, "list": {}, "record": {}, "holds": {}}, _variable_type)
     layout: str | None = keys({}, _layout, default=None)
-    initial: Expression | None = key("initial", GIVEN, default=None)
+    initial: Expression | None = key("initial", Form(ref("any_value"), _initial), default=None)
+    given: GivenValue | None = keys({}, _given_start, default=None)
     scope: Literal["line", "session", "device"] = key("scope", TEXT, default="line")
     keys: tuple[int, int] | None = key("table", RANGE, default=None)
     most: int | None = _if_type("max", NUMBER, "list")
