@@ -220,7 +220,7 @@ class Blocks(Coding):
 
 @dataclass(frozen=True, slots=True)
 class Short(Coding):
-    """Bytes `fill` at the end are left out, but not of the first `least` bytes; the content has one size."""
+    """Bytes `fill` at the end are omitted, except within the first `least` bytes; the content has a constant size."""
 
     fill: int
     least: int = 0
@@ -250,7 +250,9 @@ TAG_SIZES = (4, 16)
 
 
 class _Cipher(NamedTuple):
-    """Fewest and most bytes of the initial value, and which of the keys it has that only some ciphers have."""
+    """Properties of a cipher: least and greatest size of the initial value (bytes), and whether it pads or has a
+    tag.
+    """
 
     iv: tuple[int, int]
     pads: bool = False
@@ -350,7 +352,7 @@ CIPHER_KEYS: Schema = {
 
 
 def load_cipher(reading: KeyReading, node: Keys) -> Ciphered:
-    """Return the cipher that `wrap` names. Raises Broken."""
+    """Return the cipher of a `wrap`. Raises Broken."""
     reader = reading.reader
     cipher = reader.one_of(node.get("cipher"), {name: name for name in CIPHERS}, "a cipher")
     options = CIPHERS[cipher]
@@ -437,7 +439,7 @@ _SCHEMA: Schema = {
 
 
 def _read(reading: KeyReading, node: YamlNode) -> Coding:
-    """Return the coding that `wrap` names. Raises Broken."""
+    """Return the coding of a `wrap`. Raises Broken."""
     reader = reading.reader
     if not isinstance(node, Keys):
         return {"hex": Hex, "none": Plain}.get(reader.text(node), Cobs)(node.at)

@@ -72,7 +72,9 @@ class DecimalForm:
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """The value is the number on the wire times `factor`, and `offset` more; both count 10 to the power -`places`."""
+    """Linear scaling: value = number on the wire × `factor` + `offset`, both in units of 10 to the power of
+    -`places`.
+    """
 
     factor: int
     offset: int
@@ -204,7 +206,7 @@ def load_scale(reader: Reader, keys: Keys) -> Scale | None:
 
 
 def _number(reader: Reader, node: Node) -> Decimal:
-    """Return a number with a point. Raises Broken."""
+    """Return a number with a decimal point. Raises Broken."""
     text = reader.text(node).strip()
     if not re.fullmatch(r"-?[0-9]{1,20}(\.[0-9]{1,20})?", text):
         raise reader.broken(node.at, f"'{text}' is not a number", "write one such as 0.1 or -40")

@@ -27,13 +27,13 @@ EVENTS = {
 Target = Callable[[str | None, str | None, str], str]
 
 LONGEST = 60
-"""Characters of a condition that are shown."""
+"""Largest number of characters of a condition that are shown."""
 MOST_FRAMES = 3
-"""Frames of a row that are named."""
+"""Largest number of frames of a row that are named."""
 
 
 def sequence_diagram(sequence: Sequence) -> str:
-    """Return a Mermaid state diagram: a state a step, an arrow a row, handler or branch, a state a failure."""
+    """Return a Mermaid state diagram: a state for each step and failure, an arrow for each row, handler or branch."""
     lines = ["stateDiagram-v2", f"    [*] --> {_state(sequence.steps[0].name)}"]
     failures: dict[str, None] = {}
     for place, step in enumerate(sequence.steps):
@@ -113,7 +113,7 @@ def _does(step: Step) -> str:
 
 
 def _arrows(sequence: Sequence, step: Step, following: str, failures: dict[str, None]) -> Iterator[tuple[str, str]]:
-    """Label and state of every way out of a step."""
+    """Yield label and target state of each transition of a step."""
 
     def target(word: str | None, fail: str | None, default: str) -> str:
         if fail is not None:
@@ -184,7 +184,7 @@ def _short(expression: Expression) -> str:
 
 
 def _state(name: str, kind: str = "step") -> str:
-    """Return a name that Mermaid takes for a state: it has words of its own."""
+    """Return a name for a state that is no keyword of Mermaid."""
     return f"{kind}_" + "".join(letter if letter.isalnum() or letter == "_" else "_" for letter in name)
 
 

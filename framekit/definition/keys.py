@@ -72,7 +72,7 @@ class Key(NamedTuple):
 def key(
     name: str, form: Form, doc: str = "", *, default: Any = MISSING, factory: Callable[[], Any] | None = None
 ) -> Any:
-    """Return an attribute that one key gives; without `default` or `factory` the key has to be there."""
+    """Declare an attribute that one key gives; without `default` or `factory` the key is required."""
     if factory is None:
         return field(default=default, metadata={"key": key_of(name, form, doc, default)})
     read = key_of(name, form, doc, None).read
@@ -113,22 +113,22 @@ def table_of(part: type) -> MappingOf[str, Key]:
 
 
 def properties_of(part: type) -> dict[str, Schema]:
-    """Return the schemas of all keys of a class."""
+    """Return the schemas of all keys of a class, by name."""
     return {name: schema for one in table_of(part).values() for name, schema in one.schemas.items()}
 
 
 def required_of(part: type) -> Iterator[str]:
-    """Return the keys that have to be there."""
+    """Return the names of the required keys of a class."""
     return (next(iter(one.schemas)) for one in table_of(part).values() if one.required)
 
 
 def read_keys(
     part: type, loader: Any, mapping: Mapping, broken: Callable[[], None] | None = None, **known: Any
 ) -> dict[str, Any]:
-    """Return the attributes that the keys of a mapping give, in the order of the table; those `known` before. Raises
+    """Return the attributes that the keys of a mapping give, in the order of the table, after the `known` ones. Raises
     Broken.
 
-    `broken`: called for a key that is broken; its attribute is left out then, if it may be, and the others are read.
+    `broken`: called for a broken key; then its attribute is left out if it is optional, and the other keys are read.
     """
     reading = KeyReading(loader, mapping)
     reading.found |= known
@@ -151,7 +151,7 @@ def read_part(part: type[T], loader: Any, node: Node | None, **known: Any) -> T:
 
 
 def mapping_of(part: type, schema: Schema) -> Form:
-    """Return a mapping that is read into a class."""
+    """Return the form of a mapping that is read into a class."""
     return Form(schema, lambda r, node: read_part(part, r.loader, node))
 
 

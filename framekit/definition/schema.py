@@ -94,7 +94,7 @@ class Places:
         return self._named(path)[0]
 
     def is_named(self, path: Path) -> bool:
-        """Return whether the path leads to a thing with a name, not into one."""
+        """Return whether the path leads to a part with a name, not into one."""
         return bool(path) and self._named(path)[1] == len(path)
 
     def _named(self, path: Path) -> tuple[str, int]:
@@ -278,7 +278,7 @@ class Messages:
             yield _Complaint(path, "kinds", Problem(node.at, f"{thing} has no {one}", todo))
 
     def _nearest(self, keys: Iterable[str], kinds: list[str], schema: dict[str, Any]) -> str | None:
-        """Return the key that is most like one of the kinds and is no key of any of them."""
+        """Return the key that is similar to one of the kinds and belongs to none of them."""
         options = {*schema.get("properties", ())}
         for branch in schema.get("dependentSchemas", {}).values():
             options.update(self.known_keys(branch["$ref"]))

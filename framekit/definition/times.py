@@ -9,7 +9,7 @@ from typing import Literal
 from framekit.definition.numbers import whole_number
 
 NEVER = 1 << 62
-"""A time that does not come: larger than every other, so that it may be compared, added and minimised."""
+"""Infinite time: larger than every other, so that it may be compared, added and minimised."""
 
 UNITS = {
     "ns": 1,
@@ -129,7 +129,7 @@ class Direction:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Modem:
-    """A modem on the line. `init` is sent first; `answer`: None for a dedicated line, else the ring it answers at."""
+    """A modem on the line. `init` is sent first; `answer`: the ring at which it answers; None for a dedicated line."""
 
     init: str = "ATZ"
     answer: int | None = 1
@@ -138,12 +138,11 @@ class Modem:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LineSettings:
-    """Everything about a port but speed and format; the defaults are a plain port.
+    """Settings of a port apart from speed and format; the defaults are a plain port.
 
-    `listen_only`: a serial port is opened with RTS and DTR off, for a line that others use.
-
-    `connect_within` and `reconnect`: how long making a connection may take, and the longest pause before a lost port is
-    opened again (ns); None for the usual ones.
+    `listen_only`: a serial port is opened with RTS and DTR off, for a line that others use. `connect_within` and
+    `reconnect`: the time limit for a connection, and the longest pause before a lost port is opened again (ns); None
+    for the defaults.
     """
 
     type: Interface | None = None

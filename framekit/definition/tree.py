@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from framekit.definition.problems import Position
 
 NOTES = ("about", "doc", "source", "second_source")
-"""Keys that are for people, in every part of every file."""
+"""Keys for human readers, in every part of every file."""
 
 
 @dataclass(frozen=True)
@@ -64,11 +64,11 @@ class Mapping:
         return None
 
     def value(self, key: str) -> Node | None:
-        """Return the value of a key that another loader reads, or that decides which loader reads it."""
+        """Return the value of a key, without marking it as read: another loader reads it, or it selects the loader."""
         return next((entry.value for entry in self.entries if entry.key.text == key), None)
 
     def read_all(self) -> tuple[Entry, ...]:
-        """Return all entries, which count as read: keys that the file's author chooses."""
+        """Return all entries and mark them as read, for keys that the file's author chooses."""
         for entry in self.entries:
             entry.use.read = True
         return self.entries

@@ -36,20 +36,20 @@ class Wire:
 
     @property
     def exact(self) -> bytes | None:
-        """Return the bytes, when each of them is known."""
+        """Return the bytes if all of them are known; else None."""
         if self.tail is not None or None in self.head:
             return None
         return bytes(byte for byte in self.head if byte is not None)
 
     def matches(self, data: bytes) -> bool:
-        """Return whether `data` is as written here; a check code takes whatever its place leaves, at least one byte."""
+        """Return whether `data` matches; a check code takes the remaining bytes at its place, at least one."""
         if self.tail is None:
             return len(data) == len(self.head) and _fit(self.head, data)
         free = len(data) - len(self.head) - len(self.tail)
         return free > 0 and _fit(self.head, data) and _fit(self.tail, data[len(self.head) + free :])
 
     def marks_match(self, marked: int | None, size: int) -> bool:
-        """Return whether `marked` of `size` bytes is marked here; of a check code that is not compared."""
+        """Return whether `marked`, of `size` bytes, is the marked byte; marks in a check code are not compared."""
         free = range(0) if self.tail is None else range(len(self.head), size - len(self.tail))
         wanted = {place % size for place in self.marks}
         return wanted == (set() if marked is None or marked in free else {marked})
@@ -172,7 +172,7 @@ def _frame_name(reading: KeyReading) -> str | None:
 
 
 def _values(reading: KeyReading) -> dict[str, Any] | None:
-    """Return the values of a frame that is good."""
+    """Return the values of a good frame."""
     if reading.found["frame"] is None or "expect" in reading.keys:
         return None
     node = reading.keys.get("values")
@@ -275,7 +275,7 @@ class Conversation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Vectors:
-    """The cases of one file; `protocol` is the definition they belong to."""
+    """The cases of a file; `protocol`: their definition."""
 
     protocol: str
     about: str

@@ -23,7 +23,7 @@ from framekit.definition.tree import Node, Scalar, Sequence
 
 @dataclass(frozen=True, slots=True)
 class Sizes:
-    """Least and most bytes on the wire; `most` is None where there is no bound."""
+    """Least and greatest size on the wire (bytes); `most` is None if unbounded."""
 
     least: int
     most: int | None
@@ -50,7 +50,7 @@ def exactly(size: int) -> Sizes:
 
 
 def either(sizes: Iterable[Sizes]) -> Sizes:
-    """Return the sizes of one of several possibilities."""
+    """Return the sizes of alternatives."""
     found = list(sizes)
     if not found:
         return NOTHING
@@ -59,7 +59,7 @@ def either(sizes: Iterable[Sizes]) -> Sizes:
 
 
 def of_any_frame(name: str) -> Sizes:
-    """Return the sizes of a frame where frames are not known."""
+    """Return the sizes of an unknown frame."""
     return ANY
 
 
@@ -124,7 +124,7 @@ class FieldType:
 
     @property
     def has_long_stops(self) -> bool:
-        """Return whether it ends before more than a single byte."""
+        """Return whether it ends before a sequence of more than one byte."""
         return any(len(stop) > 1 for stop in self.stops)
 
     @property
@@ -147,7 +147,7 @@ class FieldType:
 
     @property
     def float_bits(self) -> int:
-        """Return the bits of a floating-point number; 0 for every other."""
+        """Return the bits of a floating-point number; 0 for other types."""
         size = self.fixed_size or 0
         return {"float": 8 * size, "hex_float": 4 * size}.get(self.kind, 0)
 
@@ -378,7 +378,7 @@ def _ascii(given: TypeKeys) -> FieldType:
 
 
 def _decimal(given: TypeKeys) -> FieldType:
-    """Return a number in decimal text."""
+    """Return the type of a number in decimal text. Raises Broken."""
     reader, node, size_node = given.reader, given.keys.get("end"), given.keys.get("size")
     end, stops = given.ends()
     if size_node is not None and node is not None:
@@ -440,7 +440,7 @@ def load_type(space: Meanings, mapping: Keys, type_node: Node | None, *, texts: 
 
 
 def load_size(reader: Reader, node: Node) -> Size:
-    """Return a number of bytes, `rest`, or an expression."""
+    """Return a number of bytes, `rest`, or an expression. Raises Broken."""
     text = reader.text(node).strip()
     if text == "rest":
         return "rest"

@@ -11,14 +11,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 WIDEST = 118
-"""Characters of a line that holds a whole mapping."""
+"""Width of a line with a whole mapping (characters)."""
 _PLAIN = re.compile(r"[A-Za-z_][A-Za-z0-9_()]*([ .-][A-Za-z0-9_()]+)*|[0-9]+ [a-z]+|[0-9A-F]{2}( [0-9A-F]{2})+")
 """Words, times such as 50 ms, and several bytes in hex digits."""
 _NO_TEXT = frozenset({"true", "false", "yes", "no", "on", "off", "null", "none", "y", "n", "nan", "inf"})
 
 
 def scalar(value: Any) -> str:
-    """Return a scalar: numbers and flags as they are, texts plain where they can only be that text."""
+    """Return a scalar: numbers and flags plain, texts plain if unambiguous."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, (int, float)):

@@ -27,9 +27,9 @@ LARGEST_TAIL = 3
 NEARLY = 0.6
 """Least share of frames in which a CRC of 16 bits or more must hold: the rest may be damaged or badly cut."""
 MOST = 0.8
-"""And any other code."""
+"""Least share of frames in which any other code must hold."""
 SURE = 24.0
-"""Bits of luck from which a check is believed."""
+"""Evidence (bits) from which a check is accepted."""
 TRIED = 16.0
 """Bits subtracted from the evidence to account for the number of hypotheses."""
 LEAST_CODES = 24
@@ -42,14 +42,14 @@ FLETCHER = "(((acc & 0xFF) + byte) & 0xFF) | ((((acc >> 8) + (acc & 0xFF) + byte
 
 
 class CountedBytes(NamedTuple):
-    """A frame at a place: the bytes that count, and the code."""
+    """A frame cut for a check: the covered bytes, and the code."""
 
     data: bytes
     code: int
 
 
 class Family(NamedTuple):
-    """CRCs that differ in register and end only."""
+    """CRCs that differ in initial register and final value only."""
 
     width: int
     poly: int
@@ -84,7 +84,7 @@ def fletcher(data: bytes) -> int:
 
 
 def code_of(check: CheckGuess, data: bytes) -> int:
-    """Return the code over these bytes."""
+    """Return the check code over these bytes."""
     return fletcher(data) if check.method.kind == "fold" else compute(check.method, data)
 
 
@@ -183,7 +183,7 @@ def _rank(one: CheckGuess) -> tuple[float, ...]:
 
 
 def _together(found: Sequence[CheckGuess]) -> list[CheckGuess]:
-    """Return the best of those at one place, which names the others."""
+    """Return the best check of each place, with descriptions of the others."""
     groups: dict[tuple[int | None, int, int], list[CheckGuess]] = defaultdict(list)
     for one in found:
         groups[one.place.at, one.place.tail, one.place.size].append(one)
@@ -299,7 +299,7 @@ def _simple(place: CheckPlace, cuts: Sequence[CountedBytes], width: int, of: int
 def _mode(
     cuts: Sequence[CountedBytes], method: CheckMethod, adds: bool, complement: str, ones: int
 ) -> tuple[int, int]:  # fmt: skip
-    """Return the constant that most frames have between code and method, and how many do."""
+    """Return the most frequent constant between code and method, and the number of frames with it."""
     if not adds:
         rests = Counter(cut.code ^ compute(method, cut.data) for cut in cuts)
     elif complement:
@@ -434,7 +434,7 @@ def _ready_in(
 
 
 def _with_start(place: CheckPlace, cuts: Sequence[CountedBytes], family: Family, of: int) -> Iterator[CheckGuess]:
-    """Yield a family whose differences agree, with the registers that explain all sizes."""
+    """Yield a CRC of the family, with initial register and final value that explain the frames."""
     rests: dict[int, Counter[int]] = defaultdict(Counter)
     for cut in cuts:
         rests[len(cut.data)][cut.code ^ plain_crc(cut.data, *family)] += 1

@@ -30,7 +30,7 @@ def remainder(number: int, divisor: int) -> int:
 
 
 def quotient(number: int, divisor: int) -> int | None:
-    """Return the polynomial that times `divisor` is `number`; None: there is none."""
+    """Return the polynomial that gives `number` when multiplied by `divisor`; None if there is a remainder."""
     found, degree = 0, divisor.bit_length()
     while (excess := number.bit_length() - degree) >= 0:
         number ^= divisor << excess
@@ -39,7 +39,7 @@ def quotient(number: int, divisor: int) -> int | None:
 
 
 def common_divisor(numbers: Iterable[int]) -> int:
-    """Return the greatest polynomial that divides all of them; 0 for none."""
+    """Return the greatest common divisor of polynomials; 0 if all are 0."""
     found = 0
     for number in numbers:
         rest = number
@@ -69,12 +69,12 @@ def polynomials(differences: Sequence[int], width: int) -> Iterator[int]:
 
 @cache
 def table_of(width: int, poly: int, refin: bool) -> tuple[int, ...]:
-    """Return the table for `crc`."""
+    """Return the lookup table for `crc`."""
     return make_crc_table(width, poly, refin)
 
 
 def plain_crc(data: bytes, width: int, poly: int, refin: bool, refout: bool, init: int = 0) -> int:
-    """Return the code without anything put on at the end."""
+    """Return the CRC with final value 0."""
     return crc(data, table_of(width, poly, refin), width, init, refin, refout, 0)
 
 

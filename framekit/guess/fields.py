@@ -41,7 +41,7 @@ ENOUGH_OF_FORM = 6
 FEW = 0.1
 """Largest share of frames that may be damaged or be error replies."""
 SURE = 20.0
-"""Bits of luck from which a counter, a count or a copy is sure."""
+"""Evidence (bits) from which a counter, a count or a copy is certain."""
 
 
 class FrameShape(NamedTuple):
@@ -232,7 +232,7 @@ def _is_asked_for(pairs: Sequence[AskedTold], shape: FrameShape, copies: set[int
 
 
 def _is_count(place: int, texts: Sequence[bytes]) -> bool:
-    """Return whether a byte goes with the size in most frames."""
+    """Return whether a byte determines the size in most frames."""
     for unit in (1, 2):
         rest, often = Counter(len(text) - unit * text[place] for text in texts).most_common(1)[0]
         sizes = {len(text) for text in texts if len(text) - unit * text[place] == rest}
@@ -253,7 +253,7 @@ def kinds_of(
 ) -> list[FrameKind]:  # fmt: skip
     """Return the kinds of frames with their fields.
 
-    `plain`: the frames without their stuffing; `rules`: which of the checks each of them has.
+    `plain`: the frames without their stuffing; `rules`: the checks, each with its frames.
     """
     found = []
     pairs = [(one, two) for one, two in pairwise(range(len(frames))) if (sides[one], sides[two]) == CLIENT_SERVER]
@@ -357,7 +357,7 @@ def _copies(pairs: Sequence[AskedTold], shape: FrameShape, known: set[int]) -> d
 def _copies_of(
     numbers: set[int], pairs: Sequence[tuple[int, int]], plain: Sequence[bytes], places: set[int]
 ) -> dict[int, Evidence]:
-    """Return the evidence of copies in frames of one kind alone."""
+    """Return the evidence of copies from frames of one kind alone."""
     own = [(plain[one], plain[two]) for one, two in pairs if one in numbers or two in numbers]
     found = {}
     for place in places:
@@ -456,7 +456,7 @@ def _field_at(
 
 
 def _counter(at: int, inner: int, texts: Sequence[bytes]) -> GuessedField | None:
-    """Return a number that goes up by one from frame to frame: the widest that does."""
+    """Return the widest number that increases by one from frame to frame."""
     choices: tuple[tuple[int, Order], ...] = ((2, "big"), (2, "little"), (1, "big"))
     for width, order in choices:
         if at + width > inner:
@@ -493,7 +493,7 @@ def _more(plus: int, unit: int) -> str:
 
 
 def _count(at: int, texts: Sequence[bytes]) -> GuessedField | None:
-    """Return a byte that goes with the size of the frame."""
+    """Return the byte that determines the size of the frame."""
     for unit in (1, 2):
         rests = Counter(len(text) - unit * text[at] for text in texts)
         rest, often = rests.most_common(1)[0]

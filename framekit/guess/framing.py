@@ -1,4 +1,4 @@
-"""Where frames begin and end: hypotheses made from the pieces in which bytes came, each held against all bytes."""
+"""Framing of an unknown line: hypotheses from the captured pieces, each tested on all bytes."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from framekit.guess.pieces import Cutting, PieceStream, joined, streams_of
 from framekit.guess.stuffing import StuffingError, find_stuffing, plain_frame
 
 MOST_MARK = 2
-"""Bytes of a mark that are looked for."""
+"""Largest size of a mark (bytes)."""
 LARGEST_OFFSET = 16
 """Number of offsets tried for a length field, if the sizes of pieces are known."""
 STREAM_OFFSET = 8
-"""And where streams are cut by it alone."""
+"""Number of offsets tried for a length field, if it alone cuts the streams."""
 USUAL_WIDTHS = {2: 0, 1: 1, 4: 2}
 """Preference among widths that fit equally: if the high byte is always 0, the captured bytes do not decide."""
 LARGEST_PLUS = 40
@@ -28,7 +28,7 @@ MOST_PIECES = 2000
 MOST = 0.85
 """Least share of pieces that must have a property for a hypothesis."""
 SURE = 8.0
-"""Bits of luck from which a length field or a mark is sure."""
+"""Evidence (bits) from which a length field or a mark is certain."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,9 +84,9 @@ ENOUGH = 0.7
 in two pieces, or two frames in one piece.
 """
 ENOUGH_ALONE = 0.8
-"""And a length that was seen with one size of pieces only, which any constant fits."""
+"""The same limit for a length field seen with a single size of pieces, which any constant matches."""
 BY_CUTTING = 1.0
-"""Bits of luck of marks or of a length that lead through a stream without pieces."""
+"""Evidence (bits) of marks or of a length field that cut a stream without pieces."""
 _PREFERRED = {"marks": 2, "length": 1, "fixed": 0, "pauses": 0}
 
 
@@ -103,9 +103,9 @@ def _rank(cut: CutLine) -> tuple[float, ...]:
 
 
 def cut_line(framing: Framing, streams: Sequence[PieceStream], is_whole: bool = False) -> CutLine:
-    """Return the frames that a framing finds.
+    """Apply a framing to streams and return its frames.
 
-    `is_whole`: there are no pieces, and frames that follow each other fit.
+    `is_whole`: the streams are not cut into pieces, and adjacent frames are consistent.
     """
     frames: list[tuple[int, int, HeardFrame]] = []
     covered = whole = bounds = hit = ends = hit_ends = 0
@@ -216,7 +216,7 @@ def _end_by_mark(framing: Framing, data: bytes, at: int, starts: set[int]) -> in
 
 
 def value_at(length: LengthField, data: bytes, at: int) -> int | None:
-    """Return the number of a length field in a frame that begins here; None: there is none."""
+    """Return the number in the length field of a frame that begins at `at`; None if it is no number."""
     raw = data[at + length.offset : at + length.end]
     if len(raw) < length.size:
         return None
@@ -339,7 +339,7 @@ def _lengths(texts: Sequence[bytes]) -> Iterator[LengthField]:
 
 
 def _unusual(length: LengthField) -> int:
-    """Return the less, the rather taken: of decimal digits as many as there are."""
+    """Return the order of preference of a length field, smaller first; for decimal digits the wider is preferred."""
     return -length.width if length.form == "decimal" else USUAL_WIDTHS[length.width]
 
 
@@ -371,7 +371,7 @@ def _lengths_of_stream(streams: Sequence[PieceStream]) -> Iterator[LengthField]:
 
 
 def _worth(length: LengthField, streams: Sequence[PieceStream]) -> float:
-    """Return how much of the streams it leads through, while frames begin alike; 0: it leads nowhere."""
+    """Return the share of constant heads of the frames that a length field finds; 0 if it does not lead to the end."""
     heads: list[bytes] = []
     empty = 0
     for stream in streams:

@@ -37,7 +37,7 @@ MOST_PIECES = 4
 ENOUGH_CHECKED = 0.9
 """Least share of frames in which a check must hold to confirm the framing."""
 MOST_NAMED = 3
-"""Kinds of replies that are named in a statement."""
+"""Largest number of kinds of replies named in a statement."""
 WELL = 0.95
 """Share of bytes and ends from which a framing is accepted without further trials."""
 LEAST_PIECES = 3
@@ -45,13 +45,13 @@ LEAST_PIECES = 3
 MOST_TOGETHER = 0.5
 """Least share of pieces that must hold several frames before a piece is split."""
 WIDE = 16
-"""Bits of a check that holds hardly ever by luck, wherever a piece is cut."""
+"""Width of a check (bits) that hardly ever holds by chance, wherever a piece is cut."""
 LONGEST_PART = 512
-"""Bytes in which the end of a frame is looked for, where several came as one piece."""
+"""Longest part (bytes) searched for the end of a frame in a piece with several frames."""
 MOST_SHOWN = 16
-"""Bytes of a request that are shown in a statement."""
+"""Number of bytes of a request shown in a statement."""
 MOST_CHECKED = 400
-"""Frames in which a check is looked for."""
+"""Number of frames searched for a check."""
 
 
 def guess(chunks: Sequence[HeardBytes]) -> Guess:
@@ -117,7 +117,7 @@ class TriedCut:
 
     @property
     def is_told(self) -> bool:
-        """Return whether these explain nearly all of the bytes."""
+        """Return whether marks and frames explain nearly all of the bytes."""
         few = LEAST_PIECES * len(self.cutting.pieces) if self.cutting.kind == "whole" else 0
         return self.is_marked and self.cut.fit >= WELL and len(self.cut.frames) > few
 
@@ -231,8 +231,8 @@ def _doubted(tried: TriedCut) -> TriedCut:
 
 
 def _tried(chunks: Sequence[HeardBytes], cutting: Cutting) -> TriedCut:
-    """Return the likeliest framing in nearly all of whose frames a check holds; else that in most of whose frames one
-    does; without any, the likeliest one.
+    """Return the likeliest framing with a check in nearly all of its frames; else the framing whose check holds in the
+    largest share; without any check, the likeliest framing.
     """
     first: TriedCut | None = None
     best: tuple[float, TriedCut] | None = None
@@ -367,7 +367,7 @@ def _of_framing(cut: CutLine) -> Iterator[Statement]:
 
 
 def _of_length(length: LengthField) -> str:
-    """Return the size of a frame, in words."""
+    """Describe the size of a frame."""
     if length.unit != 1:
         return f"{length.unit} × its value and {plural(length.plus, 'byte')}"
     if not length.plus:
@@ -423,7 +423,7 @@ def _of_check(check: CheckGuess | None, which: str) -> Iterator[Statement]:
 
 
 def own_name(check: CheckGuess) -> str:
-    """Return a check that is no ready one, in words."""
+    """Describe a check that is not in the catalogue."""
     method = check.method
     if method.kind == "crc":
         reflected = ", reflected" if method.refin else ""

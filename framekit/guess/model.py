@@ -26,7 +26,7 @@ class HeardBytes(NamedTuple):
 
 
 class HeardFrame(NamedTuple):
-    """A frame as it stood on the line, with everything around it that marks it."""
+    """A frame as on the line, with all bytes of its framing."""
 
     time: int | None
     direction: Direction
@@ -60,18 +60,17 @@ class Statement:
 
 @dataclass(frozen=True, slots=True)
 class LengthField:
-    """A number of `width` bytes at `offset` from the frame's start; a frame has that value plus `plus` bytes.
-
-    `unit`: bytes for each count (2 for words). `form` hex: the number takes 2 × `width` characters; decimal: it has
-    `width` digits.
-    """
+    """A length field: a number of `width` bytes at `offset`."""
 
     offset: int
     width: int
     order: Order
     plus: int
+    """Bytes of the frame in addition to the counted bytes."""
     unit: int = 1
+    """Bytes for each count (2 for words)."""
     form: Form = "binary"
+    """`hex`: the number takes 2 × `width` characters; `decimal`: it has `width` digits."""
 
     @property
     def size(self) -> int:
@@ -121,7 +120,7 @@ class Framing:
 
     @property
     def plain_end(self) -> bytes:
-        """Return the end mark of a frame without its stuffing: where a code follows it, without the escape byte."""
+        """Return the end mark of a frame without its stuffing: without the escape byte if a code follows the mark."""
         return self.end[1:] if self.behind else self.end
 
 
@@ -199,15 +198,16 @@ class GuessedField:
 
 @dataclass(frozen=True, slots=True)
 class FrameKind:
-    """Frames of one form: they go one way, and have the same fields. `side`: client or server, '' if not known.
-    `check`: theirs, if they have one."""
+    """Frames of one form: one direction, and the same fields."""
 
     name: str
     direction: Direction
     fields: tuple[GuessedField, ...]
     frames: tuple[HeardFrame, ...]
     side: str = ""
+    """client or server; '' if unknown."""
     check: CheckGuess | None = None
+    """Their check, if any."""
 
 
 @dataclass(slots=True)

@@ -34,7 +34,7 @@ KEPT_KINDS = {
 
 
 class NamingError(ValueError):
-    """A name or a type that these bytes cannot have."""
+    """Raised for a name or a type that is impossible for these bytes."""
 
 
 class FieldNaming(NamedTuple):
@@ -49,7 +49,7 @@ class FieldNaming(NamedTuple):
 
     @property
     def end(self) -> int:
-        """Return the first byte after it; there is none after data of varying size."""
+        """Return the offset after the last byte; unbounded for data of varying size."""
         return self.offset + self.size if self.size else 1 << 30
 
 
@@ -87,7 +87,7 @@ def orders_of(type_: str, size: int) -> tuple[str, ...]:
 
 
 def number_of(type_: str, order: str, data: bytes) -> int | float | None:
-    """Return the number that bytes are as this type; None where they are none."""
+    """Return the number that bytes represent in this type; None if they are no number."""
     form = TYPES[type_].form
     if form in ("text", "bytes"):
         return None
@@ -104,7 +104,7 @@ def number_of(type_: str, order: str, data: bytes) -> int | float | None:
 
 
 def types_of(texts: Sequence[bytes]) -> list[tuple[str, str]]:
-    """Return the types, each with its orders, that bytes of one size can be; those first that are most often meant."""
+    """Return the types possible for bytes of this size, each with its orders, the most usual types first."""
     size = len(texts[0])
     fitting = [
         (type_, order)
@@ -123,7 +123,7 @@ def types_of(texts: Sequence[bytes]) -> list[tuple[str, str]]:
 
 
 def named(guess: Guess, namings: Iterable[FieldNaming]) -> Guess:
-    """Return the guess with these names, which do not overlap. Raises NamingError."""
+    """Return the guess with these names, which must not overlap. Raises NamingError."""
     kinds = {kind.name: kind for kind in guess.kinds}
     texts = {kind.name: _plain(guess, kind) for kind in guess.kinds}
     for naming in namings:
@@ -135,7 +135,7 @@ def named(guess: Guess, namings: Iterable[FieldNaming]) -> Guess:
 
 
 def overlaps(one: FieldNaming, other: FieldNaming) -> bool:
-    """Return whether two names are for the same bytes, at least in part."""
+    """Return whether two names overlap."""
     return one.kind == other.kind and one.offset < other.end and other.offset < one.end
 
 
@@ -151,9 +151,7 @@ def _plain(guess: Guess, kind: FrameKind) -> list[bytes]:
 
 
 def _with_the_same_copy(kinds: dict[str, FrameKind], naming: FieldNaming) -> list[FrameKind]:
-    """Return the kind that is meant, and, where a reply repeats these bytes of its request, the kinds of the other
-    side.
-    """
+    """Return the named kind, and the kinds of the other side if a reply repeats these bytes of its request."""
     meant = kinds[naming.kind]
     if not _covers_copies(meant, naming.offset, naming.end):
         return [meant]
@@ -175,7 +173,7 @@ def _covers_copies(kind: FrameKind, first: int, end: int) -> bool:
 
 
 def _named(kind: FrameKind, texts: Sequence[bytes], naming: FieldNaming) -> FrameKind:
-    """Return a kind with one more name."""
+    """Return a kind with an additional name."""
     size, where = naming.size, _where(naming)
     touched = [field for field in kind.fields if _touches(field, naming, kind)]
     for field in touched:
@@ -260,7 +258,7 @@ def _check_name(kind: FrameKind, naming: FieldNaming, others: Sequence[GuessedFi
 
 
 def value_names(name: str, type_: str, size: int) -> list[str]:
-    """Return the names of the values of a field: of bits one each, the lowest first."""
+    """Return the names of the values of a field; of bits one for each bit, lowest first."""
     return bit_names(name, size) if type_ == "bits" else [name]
 
 
@@ -287,7 +285,7 @@ def _check_type(field: GuessedField, texts: Sequence[bytes], where: str) -> None
 
 
 def _about(naming: FieldNaming, texts: Sequence[bytes]) -> str:
-    """Return the values, in words."""
+    """Describe the values of a name."""
     if not naming.size or naming.type not in TYPES or not TYPES[naming.type].takes(naming.size):
         return ""
     parts = {text[naming.offset : naming.end] for text in texts}
@@ -327,7 +325,7 @@ def _right(
 
 
 def _piece(field: GuessedField, at: int, size: int, texts: Sequence[bytes], taken: set[str], name: str) -> GuessedField:
-    """Return a part of a field, of which less is known. `name`: the one it keeps, or '' for a new one."""
+    """Return a part of a field, with a description of its values. `name`: the name it keeps, or '' for a new name."""
     parts = {text[at : at + size] for text in texts}
     kind = field.kind if field.kind in ("constant", "text") else "unknown"
     if field.wire:

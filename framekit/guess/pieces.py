@@ -1,4 +1,4 @@
-"""The bytes of a line as they came: pieces between pauses, and the streams that they make up."""
+"""The bytes of a line as captured: pieces between pauses, and the streams that they form."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from framekit.guess.model import Direction, HeardBytes
 
 SPEEDS = (300, 600, 1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200, 230400, 460800, 921600)
 BITS = (10, 11, 12)
-"""Bits of a character: start, 7 or 8, parity, stop."""
+"""Possible numbers of bits of a character: start, 7 or 8 data bits, parity, stop."""
 TOLERANCE = 0.02
 LEAST_SIZES = 3
 """Least number of different chunk sizes that must confirm the same time per character."""
@@ -124,7 +124,7 @@ def signals_of(texts: Sequence[bytes]) -> frozenset[bytes]:
 
 
 def apart(pieces: Sequence[HeardBytes], signals: frozenset[bytes]) -> list[HeardBytes]:
-    """Return the pieces, with signals before a frame as pieces of their own."""
+    """Return the pieces, with a signal before a frame separated as a piece of its own."""
     found = list[HeardBytes]()
     for piece in pieces:
         first = next((one for one in signals if piece.data.startswith(one) and len(piece.data) > len(one)), b"")
@@ -178,8 +178,9 @@ USUAL_SIZES = frozenset({1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024})
 
 
 class Cutting(NamedTuple):
-    """One way to cut a line into pieces: as it was `heard`, at `pauses` that are longer than others, at `turns` from
-    one direction to the other, or not at all (`whole`)."""
+    """A cutting of a line into pieces: as captured (`heard`), at pauses longer than others (`pauses`), at changes of
+    direction (`turns`), or uncut (`whole`).
+    """
 
     kind: Literal["heard", "pauses", "turns", "whole"]
     pieces: tuple[HeardBytes, ...]
@@ -251,8 +252,8 @@ def _gaps(chunks: Sequence[HeardBytes]) -> list[float]:
 
 
 def say_little(pieces: Sequence[HeardBytes]) -> bool:
-    """Return whether pieces are as programs and adapters hand bytes over: mostly one or two bytes, or nearly all of one
-    usual size.
+    """Return whether pieces are weak evidence, as portions of a transfer are: mostly one or two bytes, or nearly all of
+    one usual size.
     """
     sizes = Counter(len(piece.data) for piece in pieces)
     count = sum(sizes.values())
@@ -265,9 +266,7 @@ def say_little(pieces: Sequence[HeardBytes]) -> bool:
 
 
 def are_portions(pieces: Sequence[HeardBytes]) -> bool:
-    """Return whether many pieces follow another one of their direction so soon as an adapter hands over parts of a
-    frame.
-    """
+    """Return whether many pieces follow another piece of their direction within the latency of an adapter."""
     soon = sum(
         before.direction == piece.direction and _is_near(before, piece, LATENCY) for before, piece in pairwise(pieces)
     )

@@ -23,7 +23,7 @@ MOST_CHECKED = 400
 
 @dataclass(frozen=True, slots=True)
 class FrameRule:
-    """Frames that have the same check, or none. `which`: which frames these are, in words; '' for most of them."""
+    """Frames that have the same check, or none. `which`: description of these frames; '' for most frames."""
 
     check: CheckGuess | None
     numbers: frozenset[int]
@@ -60,7 +60,9 @@ def rules_of(
 def _rule(
     numbers: Sequence[int], texts: dict[int, bytes], framing: Framing, main: CheckGuess | None, which: str
 ) -> FrameRule:
-    """Return the rule of frames that the main check does not hold in: rather the same check from another byte on."""
+    """Return the rule of frames in which the main check does not hold: preferably the same check from another byte
+    on.
+    """
     distinct = list(dict.fromkeys(texts[number] for number in numbers))
     found: CheckGuess | None = None
     if main is not None and main.place.at is None and len(distinct) >= LEAST_FRAMES:
@@ -81,7 +83,7 @@ def _rule(
 
 
 LEAST = 12.0
-"""Bits of luck from which the same check, from another byte on, is believed."""
+"""Evidence (bits) from which the same check from another byte on is accepted."""
 
 
 def _by_head(texts: dict[int, bytes], head: int) -> dict[bytes, list[int]]:

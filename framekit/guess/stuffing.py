@@ -1,4 +1,4 @@
-"""How bytes that would end a frame are written inside of it: found, and taken out again."""
+"""Stuffing: encoding of bytes that would end a frame; recognition and removal."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from math import log2
 from framekit.guess.model import Evidence, Framing, Stuffing
 
 USUAL = {(0x7E, 0x7D): ("xor", 0x20), (0xC0, 0xDB): ("codes", 0)}
-"""Escape bytes that go with a delimiter by custom: few places are enough to see them."""
+"""Customary pairs of delimiter and escape byte: few occurrences suffice to recognize them."""
 LEAST_ESCAPES = 8
 """Least number of occurrences of an escape byte that is not customary."""
 LEAST = 12.0
-"""Bits of luck below which a stuffing is not believed."""
+"""Least evidence (bits) for a stuffing."""
 
 
 class StuffingError(ValueError):
@@ -21,7 +21,7 @@ class StuffingError(ValueError):
 
 
 def unstuffed(stuffing: Stuffing, data: bytes) -> bytes:
-    """Return the plain bytes. Raises StuffingError."""
+    """Return the content without stuffing. Raises StuffingError."""
     if stuffing.kind == "cobs":
         return _from_cobs(data)
     if stuffing.kind == "hex":

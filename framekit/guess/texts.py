@@ -15,7 +15,7 @@ NUMBER_SIGNS = frozenset(b"0123456789.")
 LEADING_SIGNS = frozenset(b"+- ")
 _DECIMAL = re.compile(rb"(?P<pad> *)(?P<sign>[+-]?)[0-9]+(?P<fraction>\.[0-9]+)?")
 LUCK = 12.0
-"""Bits of luck from which signs are text."""
+"""Evidence (bits) from which printable characters are text."""
 BITS = log2(256 / len(PRINTABLE))
 """Evidence for text of one printable byte value (bits)."""
 ENOUGH = 200
@@ -67,9 +67,9 @@ def decimal_keys(texts: Sequence[bytes]) -> str | None:
 
 
 def _parted(run: Sequence[GuessedField], texts: Sequence[bytes], known: float) -> Iterator[GuessedField]:
-    """Yield the fields of a run of bytes, text in place of its bytes.
+    """Yield the fields of a run of bytes, with text fields for printable bytes.
 
-    `known`: bits of luck that speak for text already.
+    `known`: evidence (bits) for text so far.
     """
     first, end = run[0].offset, run[-1].offset + run[-1].size
     seen = {place: {text[place] for text in texts} for place in range(first, end)}
@@ -123,7 +123,7 @@ def _field(at: int, size: int, varies: bool, texts: Sequence[bytes], luck: float
 
 
 def is_text(texts: Sequence[bytes]) -> bool:
-    """Return whether all of these are signs, and too many for luck."""
+    """Return whether all bytes are printable, in a number that rules out chance."""
     if not all(PRINTABLE.issuperset(text) for text in texts):
         return False
     seen = {sign for text in texts[:ENOUGH] for sign in enumerate(text)}

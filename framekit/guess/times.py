@@ -16,7 +16,7 @@ MILLISECOND = 1_000_000
 LEAST_PERIODS = 4
 """Least number of steps, of similar length, that make a period."""
 NEAR = 0.2
-"""Steps that differ so little from the middle one are alike."""
+"""Largest relative difference from the median step of steps that count as equal."""
 SHORTEST_PERIOD = 10 * MILLISECOND
 """Shortest period (ns): faster frames follow another event, not a clock."""
 MOST_PERIODS = 8
@@ -55,18 +55,22 @@ class TimeSpread:
 
 
 def shown(time: int) -> str:
-    """Return a time in words, with three digits."""
+    """Return a time as text with three digits."""
     return f"{time / 1e9:.3g} s" if time >= 1_000_000_000 else f"{time / 1e6:.3g} ms"
 
 
 @dataclass(frozen=True, slots=True)
 class AnswerTimes:
-    """Requests of a kind: which kinds of frames answer how many of them, of how many, and after how long."""
+    """Response times to requests of one kind."""
 
     asked: str
+    """The kind of the requests."""
     told: tuple[tuple[str, int], ...]
+    """Kinds of the replies, with their numbers."""
     of: int
+    """Number of requests."""
     delay: TimeSpread | None
+    """Distribution of the response times."""
 
     @property
     def answered(self) -> int:
@@ -126,7 +130,7 @@ class GuessedTimes:
 
 
 def times_of(frames: Sequence[TimedFrame]) -> GuessedTimes:
-    """Return the times of frames in their order, those that were damaged among them."""
+    """Return the times of frames, which are in order and include damaged frames."""
     asked = [number for number, frame in enumerate(frames) if frame.side == "client"]
     has_replies = any(frame.side == "server" for frame in frames)
     answers = tuple(_answers(frames, asked)) if has_replies else ()

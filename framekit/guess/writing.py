@@ -19,10 +19,7 @@ TOLD_KINDS = ("unknown", "counter", "copy", "text", "named")
 
 
 def definition_text(guess: Guess, name: str, source: str) -> str:
-    """Return the definition.
-
-    `name`: of the protocol; `source`: where the bytes come from, in words for its first line.
-    """
+    """Return the definition as YAML. `name`: of the protocol; `source`: description of the bytes for its first line."""
     has_sides = {kind.side for kind in guess.kinds} >= {"client", "server"}
     lines = [
         f"# Guessed from {source}: {len(guess.frames)} frames. What stands here was seen; what it means is not known.",
@@ -63,7 +60,7 @@ def _params(times: GuessedTimes) -> Iterator[str]:
 
 
 def _own_checks(guess: Guess) -> dict[CheckMethod, str]:
-    """Return the methods that are no ready ones, with their names."""
+    """Return the methods that are not in the catalogue, with their names."""
     own = [kind.check.method for kind in guess.kinds if kind.check is not None and not kind.check.name]
     return {method: f"own_{at}" if at else "own" for at, method in enumerate(dict.fromkeys(own))}
 
@@ -154,8 +151,8 @@ def _body(kind: FrameKind, framing: Framing, guess: Guess) -> Iterator[str]:
 
 
 def _check_behind(check: CheckGuess, framing: Framing, name: str) -> str:
-    """Return a check outside of the marks: over the content, and over the end mark without its escape byte, if that
-    counts.
+    """Return the segment of a check outside of the marks: over the content, and over the end mark without its escape
+    byte, if covered.
     """
     order = ", order: little" if check.place.order == "little" and check.place.size > 1 else ""
     digits = ", as: hex" if check.place.form == "hex" else ""
@@ -318,14 +315,14 @@ def _is_unnamed(field: GuessedField, kind: FrameKind) -> bool:
 
 
 def _before_mark(kind: FrameKind) -> str:
-    """Return the field before the bytes that do not count before a code, or its last byte."""
+    """Return the last covered field before the uncovered bytes of a code, or the offset of its last byte."""
     before = next(number for number, field in enumerate(kind.fields) if field.name == "mark") - 1
     last = kind.fields[before]
     return str(last.offset + last.size - 1) if _is_unnamed(last, kind) else last.name
 
 
 def _last_counted(kind: FrameKind) -> str:
-    """Return the last field that counts for a check in the head."""
+    """Return the last field that a check in the head covers."""
     names = [field.name for field in kind.fields if field.name != "end"]
     return names[-1]
 

@@ -19,22 +19,21 @@ from framekit.memory.profile import CALENDAR_PARTS, FixedBit, MemoryProfile
 SECOND = 1_000_000_000
 
 Locate = Callable[[str], tuple[str, int]]
-"""Area and bit number (from 0 over the whole area) of an address as the profile writes it."""
+"""Function that returns area and bit number (from 0 over the whole area) of an address in the form of the profile."""
 
 
 @dataclass(slots=True)
 class _Clock:
-    """Rises at `first`, then every `period` (ns after the start); `rises` is how often it has so far.
-
-    `is_on` holds until `edge`.
-    """
+    """A clock that rises at `first`, then every `period` (ns after the start)."""
 
     mask: int
     period: int
     first: int
     waited_for: bool = True
     rises: int = 0
+    """Number of rising edges so far."""
     is_on: bool = False
+    """State, valid until `edge`."""
     edge: int = 0
 
     def move(self, time: int) -> None:
@@ -90,7 +89,7 @@ class SystemBits:
         self.look_at = 0
         """Time (ns) before which `update` has no effect."""
         self.due = NEVER
-        """When a bit changes that is waited for."""
+        """Time (ns) of the next change of a bit that is waited for."""
         self._time = 0
         self._next_edge = 0
         self._words: dict[tuple[str, int], _Word] = {}

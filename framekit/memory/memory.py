@@ -21,7 +21,7 @@ from framekit.definition.problems import no_such
 
 
 class DeviceMemoryError(Exception):
-    """Any refusal of the device memory."""
+    """Base class of refusals of the device memory."""
 
 
 class UnknownAreaError(DeviceMemoryError, LookupError):
@@ -101,7 +101,7 @@ _PACK_WORD = struct.Struct("<H").pack
 _SINGLE = {bits: struct.Struct(f"<{code}") for bits, code in UNSIGNED_CODES.items()}
 
 Changed = Callable[["Area", int, int], None]
-"""Called with the area, the first changed word and the number of words from it to the last changed one."""
+"""Callback with the area, the first changed word and the number of words from it to the last changed one."""
 
 ALL_BITS = 0xFFFF
 
@@ -198,7 +198,7 @@ class Area:
         return partial(self._data.startswith, data, offset)
 
     def write_bytes(self, offset: int, data: bytes, *, force: bool = False) -> None:
-        """Put `data` at byte `offset`. Bits of the last byte that are beyond the area stay 0."""
+        """Write `data` at byte `offset`. Bits of the last byte that are beyond the area stay 0."""
         end = offset + len(data)
         if offset < 0 or end > len(self._data):
             raise self._beyond("byte", offset, len(data), len(self._data))
@@ -224,7 +224,7 @@ class Area:
         return [int.from_bytes(data[at : at + size], "little") for at in range(0, len(data), size)]
 
     def write(self, unit: str | int, start: int, values: Sequence[int], *, force: bool = False) -> None:
-        """Put unsigned `values` of `unit` at number `start` on. Either all are written or none."""
+        """Write unsigned `values` of `unit` from number `start` on, all or none."""
         may = force or self.access != "read"
         if may and unit == "word" and len(values) == 1 and 0 <= start < self.size_bits >> 4:
             try:  # the usual write, without detours
@@ -264,7 +264,7 @@ class Area:
         return [int.from_bytes(data[at : at + size], "little") for at in range(0, len(data), size)]
 
     def write_from(self, first_bit: int, unit: str | int, values: Sequence[int], *, force: bool = False) -> None:
-        """Put unsigned `values` of `unit`, the first at bit `first_bit`. Either all are written or none."""
+        """Write unsigned `values` of `unit`, the first at bit `first_bit`, all or none."""
         bits = unit_bits(unit)
         start, shift = divmod(first_bit, bits)
         if not shift:
@@ -290,7 +290,7 @@ class Area:
         return (number & ((1 << count) - 1)).to_bytes((count + 7) // 8, "little")
 
     def write_bits(self, start: int, count: int, data: bytes, *, force: bool = False) -> None:
-        """Put the first `count` bits of `data`, packed as `read_bits` gives them; no fewer may be there."""
+        """Write the first `count` bits of `data`, packed as by `read_bits`; `data` must not have fewer."""
         self._within("bit", 1, start, count)
         if self.access == "read" and not force:
             raise self._read_only()
@@ -384,9 +384,9 @@ class Area:
 
 
 class OrderedArea(Area):
-    """An area whose elements of several bytes do not begin with the low one: `order` is big, CDAB or BADC.
+    """An area whose elements of several bytes do not begin with the low byte: `order` is big, CDAB or BADC.
 
-    Bytes are as the device has them: byte 2 is the high byte of word 1, where the order is big.
+    Bytes are in the order of the device: byte 2 is the high byte of word 1 if the order is big.
     """
 
     __slots__ = ()
@@ -517,7 +517,7 @@ def _encode(values: Sequence[int], bits: int) -> bytes:
 
 
 class Watch:
-    """Interest in `count` words from `first_word` on, of each in the bits of `mask`, until `cancel`."""
+    """A watch of `count` words from `first_word` on, of the bits of `mask` in each, until `cancel`."""
 
     __slots__ = ("_table", "active", "area", "callback", "count", "first_word", "mask", "number")
 
@@ -543,8 +543,8 @@ class Watch:
 class WatchTable:
     """The watches of an area of `words` words.
 
-    `marks`: 1 for a word that is watched, else 0; `masks`: which bits of each word any watch is for; `by_word`: those
-    that watch a word, in order of registration.
+    `marks`: 1 for a watched word, else 0; `masks`: the watched bits of each word; `by_word`: the watches of each word,
+    in order of registration.
     """
 
     __slots__ = ("by_word", "marks", "masks", "next_number")
@@ -636,7 +636,7 @@ class DeviceMemory:
         return self.area(area).read(unit, start, count)
 
     def write(self, area: str, unit: str | int, start: int, values: Sequence[int], *, force: bool = False) -> None:
-        """Put unsigned values at number `start` on; all or none."""
+        """Write unsigned values from number `start` on, all or none."""
         (self._by_name.get(area) or self.area(area)).write(unit, start, values, force=force)
 
     def read_bytes(self, area: str, offset: int, count: int) -> bytes:
@@ -644,7 +644,7 @@ class DeviceMemory:
         return self.area(area).read_bytes(offset, count)
 
     def write_bytes(self, area: str, offset: int, data: bytes, *, force: bool = False) -> None:
-        """Put `data` at byte `offset`."""
+        """Write `data` at byte `offset`."""
         self.area(area).write_bytes(offset, data, force=force)
 
     def watch(self, area: str, first_word: int, count: int, callback: Changed, mask: int = ALL_BITS) -> Watch:
@@ -657,7 +657,7 @@ class DeviceMemory:
 
     @property
     def shape(self) -> Shape:
-        """Name, unit and size of every area."""
+        """Return name, unit and size of every area."""
         return tuple((area.name, area.unit, area.size) for area in self)
 
     def snapshot(self) -> dict[str, bytes]:

@@ -58,7 +58,7 @@ class ProfileArea(AreaModel):
 
 @dataclass(frozen=True, slots=True)
 class ClockBit:
-    """A bit that is on for half of `period` nanoseconds and off for the other; `address` as it is written."""
+    """A bit that is on for half of `period` nanoseconds and off for the other half; `address` as written."""
 
     address: str
     period: int
@@ -85,7 +85,7 @@ class CalendarWord:
 
 @dataclass(frozen=True, slots=True)
 class NamedPlace:
-    """A place that has a name of its own; `address` as it is written."""
+    """A place with a name; `address` as written."""
 
     address: str
     at: Position
@@ -93,7 +93,7 @@ class NamedPlace:
 
 @dataclass(frozen=True, slots=True)
 class BlockItem:
-    """`words` words, or one `bit`, from word `word` of a block's words on; `unit` is how they are read."""
+    """`words` words, or one `bit`, from word `word` of a block's words on; `unit`: unit in which they are read."""
 
     word: int
     bit: int | None = None
@@ -175,7 +175,7 @@ class MemoryProfile:
 SUFFIX = ".memory.yaml"
 DEFAULT_SCAN = 10_000_000
 SHORTEST_PERIOD = 1_000_000
-"""A clock bit has a period of at least 1 ms; no port could show a faster one."""
+"""Shortest period of a clock bit (ns); no port could show a faster one."""
 
 PLAIN = AddressForm(
     text="{area}{start:dec}",
@@ -195,9 +195,9 @@ _KINDS: dict[str, FixedKind] = {kind: kind for kind in get_args(FixedKind)}
 
 
 def load_profile(name_or_path: str | Path, folder: Path | None = None, at: Position = NOWHERE) -> MemoryProfile:
-    """Return the profile in a file (a Path), or of a name: `NAME.memory.yaml` in `folder`, else a shipped one.
+    """Return the profile in a file (a Path), or of a name: `NAME.memory.yaml` in `folder`, else a shipped profile.
 
-    `at` is where the name was written. Raises DefinitionError with everything that is wrong.
+    `at`: place of the name. Raises DefinitionError with all problems.
     """
     path = name_or_path if isinstance(name_or_path, Path) else _find(name_or_path, folder, at)
     reader = Reader()
@@ -227,7 +227,7 @@ def load_profile_node(node: Mapping, folder: Path | None = None) -> MemoryProfil
 def _profile(root: Mapping, documents: Documents, file: Path | None = None) -> MemoryProfile:
     """Return the profile in nodes.
 
-    Raises Broken when it is not even nearly one, DefinitionError with all its problems.
+    Raises Broken if a required part is missing, DefinitionError with all its problems.
     """
     reader = documents.reader
     profile = ProfileLoader(reader, root).profile()
@@ -248,7 +248,7 @@ def _find(name: str, folder: Path | None, at: Position) -> Path:
 
 
 def read_scan(reader: Reader, node: Node) -> int:
-    """Return how long a scan takes (ns). Raises Broken."""
+    """Return the duration of a scan (ns). Raises Broken."""
     time = reader.time(node)
     if not SHORTEST_PERIOD <= time < NEVER:
         raise reader.broken(node.at, "a scan takes 1 ms or more", "write it like 10 ms")
@@ -256,7 +256,7 @@ def read_scan(reader: Reader, node: Node) -> int:
 
 
 class ProfileLoader:
-    """Turns the nodes of one file into a profile; problems go to `reader`."""
+    """Converts the nodes of one file to a profile; problems go to `reader`."""
 
     def __init__(self, reader: Reader, root: Mapping) -> None:
         self.reader = reader
@@ -328,7 +328,7 @@ class ProfileLoader:
         )
 
     def _type(self, node: Node | None, unit: str, element_bits: int) -> str | None:
-        """Return the type of number that elements hold; None: one without sign. Raises Broken."""
+        """Return the type of numbers in elements; None for unsigned numbers. Raises Broken."""
         if node is None:
             return None
         text = self.reader.text(node)

@@ -43,7 +43,7 @@ class NumberView:
     bytes_swapped: bool
 
     def read(self, data: bytes) -> list[int] | list[float]:
-        """Return the numbers in data in memory's form. Raises MemoryValueError for digits that are none."""
+        """Return the numbers from data in memory's form. Raises MemoryValueError for invalid BCD digits."""
         numbers = [number for (number,) in struct.iter_unpack(f"<{self._code}", self._ordered(data))]
         return as_decimal(numbers, self.unit) if self.kind == "bcd" else numbers
 
@@ -83,7 +83,7 @@ class NumberView:
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Return the least and the greatest number that it holds."""
+        """Return the least and the greatest representable number."""
         bits = unit_bits(self.unit)
         if self.kind == "float":
             most: float = struct.unpack(">f", b"\x7f\x7f\xff\xff")[0] if bits == 32 else sys.float_info.max
@@ -108,7 +108,7 @@ class NumberView:
 
 @dataclass(frozen=True, slots=True)
 class TextView:
-    """Characters, one a byte. In words the high byte comes first, unless `bytes_swapped`."""
+    """Characters, one in each byte. In words the high byte comes first, unless `bytes_swapped`."""
 
     bytes_swapped: bool
     encoding: str = "latin-1"
@@ -122,7 +122,7 @@ class TextView:
         return characters if place == "byte" else (characters + 1) // 2
 
     def read(self, data: bytes, characters: int, place: str) -> str:
-        """Return the text in data in memory's form, up to the first 00."""
+        """Return the text from data in memory's form, up to the first 00."""
         return self._ordered(data, place)[:characters].partition(b"\0")[0].decode(self.encoding)
 
     def write(self, text: str, characters: int, place: str) -> bytes:
@@ -152,7 +152,9 @@ class CountedTextView:
     encoding: str = "latin-1"
 
     def read(self, data: bytes) -> list[str]:
-        """Return the texts in data in memory's form; a number beyond the element's end counts as all of it."""
+        """Return the texts from data in memory's form; a number beyond the element's end counts as the whole
+        element.
+        """
         elements = [data[at : at + self.size] for at in range(0, len(data), self.size)]
         return [
             swap(one[2:], 2)[: int.from_bytes(one[:2], "little")].decode(self.encoding) for one in elements
@@ -176,7 +178,7 @@ class CountedTextView:
 
 
 def view_of(type_: str, order: str | None = None) -> NumberView | TextView:
-    """Return the view of a name of `VIEWS`. Raises ValueError for another name, or an unknown order."""
+    """Return the view named in `VIEWS`. Raises ValueError for another name, or an unknown order."""
     if order is not None and order not in ORDERS:
         raise ValueError(f"'{order}' is no order of bytes – write {', '.join(ORDERS)}")
     reversed_, swapped = order in ("ABCD", "BADC"), order in ("BADC", "DCBA")

@@ -41,7 +41,7 @@ from framekit.runfile.fault_plans import load_fault_plan, mismatches, read_fault
 from framekit.runfile.transfers import number_for
 
 NO_PROFILE = ("set", "map", "sizes", "about", "source")
-"""Keys of `memory:` that do not make a memory of its own."""
+"""Keys of `memory:` that do not define a memory of its own."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,7 +86,7 @@ class Device:
 
     @property
     def lacks_station(self) -> bool:
-        """Return whether it has no station of its own though requests of its protocol may name one."""
+        """Return whether it has no station although requests of its protocol may name one."""
         by_default = self.protocol.station.default is not None
         return self.own is None and (by_default or needs_station(self.protocol))
 
@@ -102,7 +102,7 @@ class Device:
         ]
 
     def create_memory(self) -> DeviceMemory:
-        """Return a memory of its own with the start values in it."""
+        """Return a new memory with the start values."""
         memory = DeviceMemory(area.anew() for area in self.areas)
         put_values(memory, self.initial)
         return memory
@@ -292,9 +292,7 @@ class _DeviceLoader:
         return usual
 
     def _profile(self) -> MemoryProfile | None:
-        """Return the profile that the file describes; None for the areas of the protocol. Raises Broken,
-        DefinitionError.
-        """
+        """Return the profile of the file; None for the areas of the protocol. Raises Broken, DefinitionError."""
         node = self.root.get("memory")
         described = isinstance(node, Scalar) or (
             isinstance(node, MappingNode) and any(entry.key.text not in NO_PROFILE for entry in node.entries)
@@ -356,9 +354,7 @@ class DeviceSettings:
     """NAME of a state variable → its start value."""
 
     def on(self, root: MappingNode) -> MappingNode:
-        """Return the file with these settings in place of its own; start values and map entries are added to the
-        file's.
-        """
+        """Return the file with these settings replaced; start values and map entries are added to the file's."""
         changes: dict[str, Node] = {}
         if self.stations:
             at = _at("station", ",".join(self.stations))
@@ -397,7 +393,7 @@ def _texts(flag: str, texts: MappingOf[str, str]) -> dict[str, Node]:
 
 
 def _joined(old: Node | None, changes: MappingOf[str, Node]) -> MappingNode:
-    """Return the entries of a mapping, some replaced and some added."""
+    """Return the entries of a mapping, with some replaced and some added."""
     entries: Iterable[Entry] = old.entries if isinstance(old, MappingNode) else ()
     kept = [entry for entry in entries if entry.key.text not in changes]
     added = [Entry(Scalar(name, getattr(node, "at", NO_FILE)), node) for name, node in changes.items()]
@@ -415,7 +411,7 @@ NO_FILE = Position("the command line", 0, 0)
 
 
 def put_values(memory: DeviceMemory, initial: tuple[tuple[OwnPlace, tuple[int, ...]], ...]) -> None:
-    """Put start values into a memory, also into areas that are read-only for others."""
+    """Write start values to a memory, also to areas that are read-only for clients."""
     for place, values in initial:
         memory.area(place.address.area).write_from(place.address.first_bit, place.address.unit, values, force=True)
 
@@ -423,10 +419,9 @@ def put_values(memory: DeviceMemory, initial: tuple[tuple[OwnPlace, tuple[int, .
 def memory_of(
     protocol: Protocol, sizes: MappingOf[str, Area] | None = None
 ) -> tuple[tuple[MemoryArea, ...], AddressGrammar]:
-    """Return a memory with the areas a protocol knows, those in `sizes` as large as there, addressed as the protocol
-    does.
+    """Return a memory with the areas and addresses of a protocol; `sizes`: areas of another size.
 
-    A size of 0 leaves an area out.
+    A size of 0 omits an area.
     """
     found: dict[str, Area] = {}
     for area in protocol.areas.values():

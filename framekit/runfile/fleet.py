@@ -19,7 +19,7 @@ from framekit.sinks.broker import PASSWORD_DOC, PLACE, TLS, TLS_DOC, USER_DOC, B
 from framekit.sinks.secrets import SECRET, Secret
 
 GROUP = "framekit"
-"""The group of gateways that name none."""
+"""Default group of gateways."""
 _NAME = re.compile(r"[^\s/+#$][^/+#]{0,63}")
 
 

@@ -32,9 +32,9 @@ SUFFIX = ".jobs.yaml"
 
 
 def load_job_profile(name_or_path: str | Path, folder: Path | None = None, at: Position = NOWHERE) -> JobProfile:
-    """Return the profile in a file (a Path), or of a name: `NAME.jobs.yaml` in `folder`, else a shipped one.
+    """Return the profile in a file (a Path), or of a name: `NAME.jobs.yaml` in `folder`, else a shipped profile.
 
-    `at` is where the name was written. Raises DefinitionError with everything that is wrong.
+    `at`: place of the name. Raises DefinitionError with all problems.
     """
     path = name_or_path
     if not isinstance(path, Path):
@@ -52,17 +52,14 @@ _AFTER = {one.value: one for one in AfterLate}
 
 
 class JobProfileLoader:
-    """Turns the nodes of one file into a profile; problems go to `reader`."""
+    """Converts the nodes of one file to a profile; problems go to `reader`."""
 
     def __init__(self, reader: Reader, root: Mapping) -> None:
         self.reader = reader
         self.root = root
 
     def profile(self) -> JobProfile:
-        """Return the profile.
-
-        Raises Broken when a part is missing that everything else needs; the rest is read before.
-        """
+        """Return the profile. Raises Broken if a required part is missing; the rest is read before."""
         reader, root = self.reader, self.root
         first, last = self._slots()
         late, pause = self._mapping("late"), self._mapping("pause")

@@ -50,7 +50,7 @@ GUIDE = {
     "commands": "commands.md",
     "errors": "errors.md",
 }
-"""Where the guide explains a key of the first level: a page of `docs/language`; the others are in `files.md`."""
+"""Pages of the guide, in `docs/language`, by key of the first level; other keys are explained in `files.md`."""
 
 
 class PagePart(NamedTuple):
@@ -110,7 +110,7 @@ class Reference:
             self.collect(part, name, path, top)
 
     def name(self, schema: Schema, owner: str, path: str) -> str:
-        """Return a name that no other part has: the schema's title, then with its owner, then with a number."""
+        """Return a unique name of a part: the schema's title, then with its owner, then with a number."""
         title = str(schema.get("title", owner)).removeprefix("the ") if schema is not self.root else owner
         name = title if title not in self.names else f"{title} in {owner}"
         number = 2

@@ -72,7 +72,7 @@ def with_tables(schemas: Schemas) -> Schemas:
 
 
 def with_kinds(definitions: dict[str, Any], thing: str, kinds: dict[str, Any]) -> None:
-    """Put the kinds of a thing, which keys name, into the definitions of a schema."""
+    """Insert kinds, by the keys that name them, into the definitions of a schema."""
     names = {word: f"{word.replace(' ', '_')}_{thing}" for word in kinds}
     definitions[thing]["oneOf"] = [{"required": [word]} for word in kinds]
     definitions[thing]["dependentSchemas"] = {word: here(name) for word, name in names.items()}

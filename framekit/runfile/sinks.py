@@ -1,4 +1,4 @@
-"""Reads where the values of a run go: `sinks:`, each of a kind of `framekit.sinks`."""
+"""Reads `sinks:`, the destinations of a run's values, each of a kind of `framekit.sinks`."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def _of_period(kind: SinkKind) -> Iterator[tuple[str, str, str]]:
 
 
 class SinksLoader:
-    """Reads the sinks of the run in the file `path`. `state`: the file in which it keeps its state, if any."""
+    """Reads the sinks of the run in the file `path`. `state`: the file in which the run stores its state, if any."""
 
     def __init__(self, reader: Reader, path: Path, points: Sequence[Point], state: str = "") -> None:
         self.reader, self.folder, self.points = reader, path.parent, points
@@ -64,7 +64,10 @@ class SinksLoader:
         return kind
 
     def file(self, node: Node) -> str:
-        """Return a file of its own; a relative name counts from the run's folder. Raises Broken."""
+        """Return the path of a file that no other part of the run uses; a relative name counts from the run's folder.
+
+        Raises Broken.
+        """
         name = self.reader.text(node).strip()
         if not name:
             raise self.reader.broken(node.at, "this is no file", "write a name")

@@ -41,7 +41,7 @@ TYPES: Mapping[str, str] = {
     "f64": "float64", "float64": "float64", "lreal": "float64", "string": "string", "ascii": "string", "char": "string",
     "text": "string", "bcd": "bcd16", "bcd16": "bcd16", "bcd32": "bcd32",
 }  # fmt: skip
-"""Types as vendors call them, written as the names of columns are."""
+"""Types in the terms of vendors, in the form of the titles of columns."""
 
 _ACCESS = {"r": "r", "ro": "r", "read": "r", "read only": "r", "rw": "rw", "r w": "rw", "read write": "rw", "wr": "rw"}
 _PLACE = re.compile(r"0x(?P<x>[0-9a-f]+)|(?P<h>[0-9a-f]+)h|(?P<plain>[0-9]+)", re.IGNORECASE)
@@ -119,7 +119,7 @@ class TableRows(Protocol):
 
 
 def numbered_rows(rows: TableRows) -> Iterator[tuple[int, list[str]]]:
-    """Yield the rows of a table, each with the number of its first line: a cell may hold several."""
+    """Yield the rows of a table, each with the number of its first line: a cell may have several lines."""
     line = 1
     for row in rows:
         yield line, row

@@ -1,4 +1,4 @@
-"""Sinks: where the values of a run's points go. One module and one row of `SINKS` for each kind."""
+"""Sinks: destinations of the values of a run's points. One module and one row of `SINKS` for each kind."""
 
 from framekit.sinks.base import SINKS as SINKS
 from framekit.sinks.base import Sink as Sink

@@ -104,7 +104,7 @@ class SinkKind(ABC):
 
     word: ClassVar[str]
     is_local: ClassVar[bool] = False
-    """The sink writes files of this machine: a run does not start unless they can be opened and written."""
+    """Whether the sink writes files of this machine: a run does not start unless they can be opened and written."""
     points: tuple[str, ...] = key(
         "points", Form(ref("texts"), lambda r, node: r.loader.patterns(node)),
         "The points that go there, by name; * stands for any text. Default: all.", default=("*",),
@@ -123,17 +123,17 @@ class SinkKind(ABC):
 
     @property
     def target(self) -> str:
-        """Return the destination of the values, for people: the value of the key that names the kind."""
+        """Return the destination of the values for users: the value of the key that names the kind."""
         return str(getattr(self, self.word))
 
     @property
     def has_secret(self) -> bool:
-        """Return whether it gives a secret to the other side."""
+        """Return whether it sends a secret to the other side."""
         return any(isinstance(getattr(self, one.name), Secret) for one in fields(self))
 
     @property
     def listens(self) -> tuple[str, int] | None:
-        """Return the address and port on which it waits for others, if it does."""
+        """Return the address and port on which it listens, or None."""
         return None
 
     def mistakes(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
@@ -244,9 +244,9 @@ SINKS: dict[str, type[SinkKind]] = {}
 
 
 def add_sink(word: str, kind: type[SinkKind]) -> None:
-    """Register a kind of sink of a program's own.
+    """Register a kind of sink of a program.
 
-    Raises ValueError for a word that means something in a sink already, and for no schema.
+    Raises ValueError for a word that has a meaning in a sink already, and for an invalid schema.
     """
     add_kind_of("run", "sink", word, schema_of(kind), kind.__module__)
     SINKS[word] = kind

@@ -30,10 +30,10 @@ if TYPE_CHECKING:
 
 LONGEST_CONNECT = 5.0
 LONGEST_CONFIRM = 10.0
-"""Seconds until a broker has to answer, and until it has to confirm the next message."""
+"""Time limits (s) for the answer of a broker, and for the next confirmation."""
 
 KEEPALIVE = 15
-"""Seconds of silence after which the connection is tried."""
+"""Silence after which the connection is tested (s)."""
 
 LONGEST_END = 1.0
 LARGEST_COMMAND = 65536
@@ -44,7 +44,7 @@ PORT, TLS_PORT = 1883, 8883
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a broker is; `port` None: the usual one."""
+    """Address of a broker; `port` None: the usual port."""
 
     host: str
     port: int | None = None
@@ -170,7 +170,7 @@ class BrokerSink(NetworkSink):
         return place if place.port is not None else replace(place, port=PORT if self.tls is None else TLS_PORT)
 
     def client_name(self, run: str) -> str:
-        """Return the same at every start, and another for every sink."""
+        """Return the name of the client: constant between starts, and different for every sink."""
         own = zlib.crc32(f"{socket.gethostname()} {os.path.abspath(self.store)}".encode())
         return self.client or f"framekit-{run}-{own:08x}"
 
@@ -193,7 +193,7 @@ class Command(NamedTuple):
 
 
 class BrokerConnection:
-    """One connection, from `open` to `close`. `lost` and `heard` are called in a thread of its own."""
+    """A connection, from `open` to `close`. `lost` and `heard` are called in a thread of its own."""
 
     def __init__(self, kind: BrokerSink, lost: Callable[[str], None], heard: Callable[[Command], None]) -> None:
         self.kind = kind
@@ -247,7 +247,7 @@ class BrokerConnection:
         }  # fmt: skip
 
     def answered(self, topic: str) -> None:
-        """Wait until the broker has taken all that was posted: it answers a subscription that it has already.
+        """Wait until the broker has accepted all published messages: it answers a repeated subscription.
 
         Raises ConnectionError.
         """

@@ -21,10 +21,10 @@ from framekit.sinks.secrets import SECRET, Secret
 from framekit.sinks.store import NetworkSink
 
 MOST_LINES = 5_000
-"""Lines in one request, unless one sample has more."""
+"""Largest number of lines in a request, unless one sample has more."""
 
 LONGEST_ANSWER = 10.0
-"""Seconds until a server has to answer."""
+"""Time limit for the answer of a server (s)."""
 
 REFUSED = (400, 413, 422)
 """Statuses for wrong lines or too many; after every other status except 2xx the same lines are tried again."""
@@ -32,7 +32,7 @@ REFUSED = (400, 413, 422)
 EXACT = 1 << 53
 """Largest whole number up to which a float represents every whole number."""
 LARGEST = 1 << 64
-"""Whole numbers from here on are texts alone."""
+"""Least absolute value of whole numbers that are sent as text only."""
 
 
 class ServerAddress(NamedTuple):
@@ -200,5 +200,5 @@ def _tag(text: str, equals: str = "") -> str:
 
 
 def _text(text: str) -> str:
-    """Return a text in quotes."""
+    """Return a text in quotes, with escapes."""
     return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'

@@ -118,7 +118,7 @@ class PointServer:
         self._nodes[point.name], self._reasons[point.name] = variable.nodeid, reason.nodeid
 
     async def take(self, values: Sequence[PointValue]) -> None:
-        """Give the variables these values, in their order."""
+        """Set the variables to these values, in their order."""
         for value in values:
             await self._inner.aspace.write_attribute_value(
                 self._nodes[value.name], ua.AttributeIds.Value, _data_value(self.points[value.name], value)
@@ -127,7 +127,7 @@ class PointServer:
             await self._inner.aspace.write_attribute_value(self._reasons[value.name], ua.AttributeIds.Value, reason)
 
     async def stop(self) -> None:
-        """End all connections."""
+        """Stop the server and all its connections."""
         await self._server.stop()
 
     async def write(self, asked: ua.WriteValue, who: str) -> ua.StatusCode:
@@ -167,7 +167,7 @@ def _refusal(point: Point, value: Any) -> Any:
 
 
 def _data_value(point: Point, value: PointValue) -> ua.DataValue:
-    """Return a value as a client gets it."""
+    """Return a value as clients get it."""
     kind, python = _TYPES.get(value_type(point), _FLOAT)
     code = ua.StatusCodes.Good
     if value.quality == "failed":
@@ -214,7 +214,7 @@ class _Reader(UserManager):
 
 
 class _OneUser(UserManager):
-    """One user, with a password. Raises OSError, ValueError where the password cannot be had."""
+    """A single user with a password. Raises OSError, ValueError if the password cannot be read."""
 
     def __init__(self, kind: ServerSettings) -> None:
         assert kind.password is not None

@@ -63,7 +63,7 @@ class ParquetSink(LinesFile):
         yield json.dumps([time, {one.name: good_value(one) for one in values}], ensure_ascii=False).encode() + b"\n"
 
     def put_aside(self, stamp: str) -> None:
-        """Make the Parquet file of the rows; they go when it is whole."""
+        """Convert the rows to a Parquet file; they are deleted when it is complete."""
         target = name_with(self.finished, stamp)
         half = target.with_name(f"{target.name}.half")
         try:
@@ -76,7 +76,7 @@ class ParquetSink(LinesFile):
         keep_newest(self.finished, self._most, self._aside)
 
     def close(self) -> None:
-        """Make a readable file of the rows of the last hour."""
+        """Convert the rows of the last hour, so that its file is readable."""
         if self._file is not None and self._began:
             self._finish()
         super().close()
@@ -109,7 +109,7 @@ def write_parquet(lines: Path, target: Path) -> None:
 
 
 def _as(kind: str, value: Any) -> Any:
-    """Return a value as its column takes it."""
+    """Return a value in the type of its column."""
     if value is None or kind not in ("string", "bool", "double"):
         return value
     return {"string": str, "bool": bool, "double": float}[kind](value)

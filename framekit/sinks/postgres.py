@@ -24,16 +24,16 @@ if TYPE_CHECKING:
     import psycopg
 
 MOST_ROWS = 5_000
-"""Rows of one batch, unless one sample has more."""
+"""Largest number of rows in a batch, unless one sample has more."""
 
 LONGEST_ANSWER = 10
-"""Seconds until a server has to answer."""
+"""Time limit for the answer of a server (s)."""
 
 _COLUMNS = "time, run, point, value, words, unit, quality, reason"
 
 
 SECRETS = {"password", "sslpassword", "passfile", "service", "servicefile"}
-"""Options of libpq that hold secrets, or take them from somewhere else."""
+"""Options of libpq that contain secrets, or read them from another place."""
 
 
 def read_database(reading: KeyReading, node: Node) -> str:
@@ -58,7 +58,7 @@ def read_database(reading: KeyReading, node: Node) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Postgres(NetworkSink):
-    """A table of a PostgreSQL database; it is made where there is none."""
+    """A table of a PostgreSQL database; it is created if it is missing."""
 
     word: ClassVar[str] = "postgres"
     postgres: str = key(

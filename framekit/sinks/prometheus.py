@@ -53,7 +53,7 @@ class Prometheus(SinkKind):
 
 
 class PrometheusServer(Sink):
-    """Answers with the metrics of the moment. Raises OSError for a port that cannot be had."""
+    """Serves the present metrics. Raises OSError for a port that cannot be opened."""
 
     def __init__(self, host: str, port: int) -> None:
         self.host, self.port = host, port
@@ -95,7 +95,7 @@ class PrometheusServer(Sink):
         return iter(())
 
     def collect(self) -> Iterator[Metric]:
-        """Yield the metrics of this moment, asked for by the library in the thread of a request."""
+        """Yield the present metrics; the library calls this in the thread of a request."""
         yield _of_program()
         if self._run is None:
             return

@@ -37,7 +37,7 @@ INT32 = 3
 GOOD, BAD, STALE = 192, 0, 500
 
 _SIGNED = {1: 8, 2: 16, INT32: 32, INT64: 64}
-"""Types of numbers with a sign, and their bits; they travel as numbers without one."""
+"""Types of signed numbers, with their bits; they are transmitted as unsigned numbers."""
 
 _VALUES = (
     ("int_value", "uint32"), ("long_value", "uint64"), ("float_value", "float"), ("double_value", "double"),
@@ -330,7 +330,7 @@ def _now() -> int:
 
 
 def _type(point: Point) -> int:
-    """Return the type of a point's metric, the same for ever."""
+    """Return the type of a point's metric, which never changes."""
     if point.names or point.form.type == "string":
         return STRING
     is_whole = not point.form.is_float and (point.scaling is None or point.scaling.is_whole)

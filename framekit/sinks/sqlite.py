@@ -25,7 +25,7 @@ VERSION = 1
 CLEANING = 600_000_000_000
 """The time between two removals of old values, and before the first (ns)."""
 MOST_REMOVED = 10_000
-"""Rows that are removed together."""
+"""Number of rows that are deleted together."""
 
 _TABLES = f"""
 BEGIN;
@@ -47,7 +47,7 @@ class HistoryError(ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SqliteHistory(SinkKind):
-    """A table of values. `keep` (ns): older ones are taken out."""
+    """A table of values. `keep` (ns): age from which values are deleted."""
 
     word: ClassVar[str] = "sqlite"
     is_local: ClassVar[bool] = True
@@ -150,19 +150,19 @@ class SqliteSink(Sink):
 class RowAges:
     """The ages of the rows of a history, independent of jumps of the wall clock.
 
-    Rows of this run age by the run's clock, which does not jump. Rows of earlier runs have their times only: they are
-    compared with the earliest clock of this run, that is, with the least difference between wall clock and run's clock
-    that was seen. So a jump forward makes no row older. `last`: the last row of earlier runs.
+    Rows of this run age by the run's clock, which does not jump. Rows of earlier runs have only their times, which are
+    compared with the earliest clock of this run, computed from the least observed difference between wall clock and
+    run's clock. So a jump forward makes no row older. `last`: the last row of earlier runs.
     """
 
     def __init__(self, last: int, keep: int) -> None:
         self._last, self._keep = last, keep
         self._began: int | None = None
         self._offset = 0
-        """The least difference between the times of values and the run's clock."""
+        """Least difference between the times of values and the run's clock (ns)."""
         self._due = 0
         self._marks: deque[tuple[int, int]] = deque()
-        """Times of the run's clock, and the last row at each: it and those before it are at least as old."""
+        """Times of the run's clock, and the last row at each: it and the earlier rows are at least as old."""
 
     @property
     def has_rows(self) -> bool:
@@ -180,11 +180,11 @@ class RowAges:
             self._marks.append((now, row))
 
     def is_due(self, now: int) -> bool:
-        """Return whether old rows are to be removed."""
+        """Return whether old rows must be deleted."""
         return now >= self._due
 
     def old(self, now: int) -> Iterator[tuple[str, tuple[int, ...]]]:
-        """Return the conditions for old rows."""
+        """Yield the conditions for old rows, with their arguments."""
         yield "rowid <= ? AND time < ?", (self._last, self._offset + now - self._keep)
         rows = [row for at, row in self._marks if at <= now - self._keep]
         if rows:
@@ -240,7 +240,7 @@ class HistoryRow(NamedTuple):
 def read_history(
     path: Path, points: Sequence[str] = ("*",), since: int | None = None, until: int | None = None
 ) -> Iterator[HistoryRow]:
-    """Yield the values of a history, oldest first; of the points whose names fit one of `points`, `*` for any text.
+    """Yield the values of a history, oldest first; of the points whose names match one of `points`, `*` for any text.
 
     Raises HistoryError for a file that holds none, sqlite3.Error.
     """

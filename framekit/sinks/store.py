@@ -24,10 +24,10 @@ APPLICATION = 0x464B5746
 """The application id in the SQLite header; it identifies stores of framekit."""
 
 MOST_WAITING = 100_000
-"""Samples that wait for a sink at most."""
+"""Default limit of samples that wait for a sink."""
 
 LONGEST_CLOSE = 1.0
-"""Seconds."""
+"""Time limit for closing (s)."""
 
 _TABLE = f"""
 BEGIN;
@@ -181,7 +181,7 @@ class Store:
             os.close(file)
 
     def _values_of(self, number: int, text: str) -> tuple[PointValue, ...]:
-        """Return the values of a sample; none of a damaged one, which counts as dropped."""
+        """Return the values of a sample; an empty tuple for a damaged sample, which counts as dropped."""
         try:
             return tuple(PointValue(*fields) for fields in json.loads(text))
         except (ValueError, TypeError):

@@ -24,7 +24,7 @@ from framekit.transport.clock import MOST, PIECE, AsyncioClock, Turns
 from framekit.transport.port import Accepted, AcceptedPort, Port, PortEvents
 
 CONNECT_WITHIN = 10.0
-"""How long making a connection may take (s); some networks never refuse one."""
+"""Time limit for a connection (s); some networks never refuse one."""
 FAR_END_CLOSED = "the other side has closed the connection"
 
 NEWCOMER = 128
@@ -188,7 +188,7 @@ class StreamPort(Port):
 
 
 class TcpPort(StreamPort):
-    """A connection to `host:port`, made anew whenever the port is opened."""
+    """A connection to `host:port`, made again at each opening of the port."""
 
     def __init__(self, host: str, number: int, clock: AsyncioClock, connect_within: int | None = None) -> None:
         super().__init__(f"tcp://{bracketed(host)}:{number}", clock)
@@ -281,9 +281,9 @@ def listening_at(text: str, local: str = "127.0.0.1") -> tuple[str, int]:
 
 
 class TcpAcceptedPort(StreamPort, AcceptedPort):
-    """A connection that the other side has made. Bytes that come before it is opened wait.
+    """An accepted connection. Bytes received before its opening wait.
 
-    So do those that come while something is still to be sent: a client that takes no replies cannot heap up requests.
+    So do bytes received while data is still to be sent: a client that reads no replies cannot accumulate requests.
     """
 
     def connected(self) -> None:
@@ -338,7 +338,7 @@ class NetworkListener(ABC):
 
     scheme: str
     reached_by: str
-    """The scheme by which others name it."""
+    """The scheme under which others connect."""
     kind: socket.SocketKind
 
     def __init__(self, host: str, number: int, clock: AsyncioClock, accepted: Accepted) -> None:
@@ -404,13 +404,16 @@ class TcpListener(NetworkListener):
 
 
 def name_in(certificate: Mapping[str, Any]) -> str:
-    """Return the common name of a certificate that has been checked, on one line; empty where there is none."""
+    """Return the common name in a verified certificate, on one line; empty if it has none."""
     parts = (part for group in certificate.get("subject", ()) for part in group)
     return printable(next((value for name, value in parts if name == "commonName"), ""))
 
 
 class AcceptedConnection(Connection):
-    """Is its port's connection from the start, and offers the port when it is made. `scheme`: the kind of the port."""
+    """Connection of an accepted port from the start, which offers the port when established.
+
+    `scheme`: the kind of the port.
+    """
 
     def __init__(self, port: TcpAcceptedPort, accepted: Accepted, scheme: str = "tcp") -> None:
         super().__init__(port)
@@ -434,7 +437,7 @@ class AcceptedConnection(Connection):
 
 
 LARGEST = 65_507
-"""Bytes that fit into a datagram (IPv4)."""
+"""Largest size of a datagram (bytes, IPv4)."""
 
 MOST_WAITING = 256
 """Largest number of pieces that wait for their turn; further datagrams are dropped, as UDP permits."""
@@ -596,7 +599,7 @@ class UdpPort(DatagramPort):
 
 
 class _Endpoint(asyncio.DatagramProtocol):
-    """One socket, for as long as its port takes it for its own."""
+    """A socket, valid while its port refers to it."""
 
     def __init__(self, port: UdpPort) -> None:
         self.port = port
@@ -618,7 +621,7 @@ class _Endpoint(asyncio.DatagramProtocol):
 
 
 MOST_KEPT = 16
-"""Datagrams of a sender that wait until its port is opened; more are lost, as datagrams may be."""
+"""Largest number of datagrams of a sender that wait for the opening of its port; more are dropped, as UDP permits."""
 
 
 class SenderPort(DatagramPort, AcceptedPort):
@@ -673,9 +676,9 @@ class SenderPort(DatagramPort, AcceptedPort):
 
 
 class UdpListener(asyncio.DatagramProtocol, NetworkListener):
-    """Hears datagrams: each sender has a port.
+    """Listens to datagrams, with a port for each sender.
 
-    The port of a sender that has been closed is forgotten: the next datagram of the same sender makes a new one.
+    A closed port is forgotten: the next datagram of its sender creates a new port.
     """
 
     scheme = reached_by = "udp-listen"
@@ -707,7 +710,7 @@ class UdpListener(asyncio.DatagramProtocol, NetworkListener):
         super().stop()
 
     def send(self, data: bytes, address: Any) -> None:
-        """Send bytes to a sender, in more than one datagram only where they do not fit into one."""
+        """Send bytes to a sender, in several datagrams only if they do not fit into one."""
         if self._transport is not None and not self._transport.is_closing():
             for start in range(0, len(data), LARGEST):
                 self._transport.sendto(data[start : start + LARGEST], address)

@@ -58,7 +58,7 @@ class Port(ABC):
     settings: LineFormat | None
     """Speed and format at opening; None if the port has no baud rate."""
     opens_again = True
-    """Whether it can be opened again after it was closed."""
+    """Whether the port can be opened again after closing."""
     is_stream = False
     """Whether the port carries a plain stream of bytes, without times or pieces that the other side can see."""
     sender = ""
@@ -66,7 +66,7 @@ class Port(ABC):
     hears_marks = False
     """Whether the port, while open, reports which characters have their ninth bit set."""
     has_bit_times = True
-    """Whether bytes take their time on a line that has a speed, once it is open; they do not on a pseudo-terminal."""
+    """Whether bytes take their time on the line, once it is open; False on a pseudo-terminal."""
     sees_damage = False
     """Whether the port, while open, reports damaged characters and breaks."""
     in_time = False
@@ -138,7 +138,7 @@ class AcceptedPort(Port):
 
 
 Accepted = Callable[[AcceptedPort], None]
-"""Gets the port, not yet opened, of each connection that comes."""
+"""Callback for the port, not yet opened, of each new connection."""
 
 
 class PortListener(Protocol):
@@ -150,13 +150,13 @@ class PortListener(Protocol):
     """Name under which others connect; exact once it listens."""
 
     def listen(self) -> None:
-        """Begin to listen; connections are accepted as soon as the loop goes on. Raises OSError."""
+        """Begin to listen; connections are accepted once the loop continues. Raises OSError."""
 
     async def start(self) -> None:
         """Listen as `listen` does; connections are accepted when it returns. Raises OSError."""
 
     def stop(self) -> None:
-        """Accept no more; ports that have been accepted stay open where each has a connection of its own."""
+        """Stop accepting; accepted ports stay open if each has its own connection."""
 
 
 class PassingPort(Port, PortEvents):
@@ -338,7 +338,7 @@ class SharedPort(PortEvents):
 
 
 class UserPort(Port):
-    """The port as one of its users sees it."""
+    """The port as seen by one of its users."""
 
     def __init__(self, shared: SharedPort) -> None:
         self.shared = shared
@@ -392,18 +392,19 @@ Way = Literal["in", "out", ""]
 
 @dataclass(frozen=True, slots=True)
 class LineEvent:
-    """Something on a line. `at` (ns): when the last byte was complete, or when it was handed over for sending.
-
-    `faults`: the damaged and marked characters of `data`; `lines`: control lines by name; `reason`: why it was closed.
-    """
+    """An event of a line."""
 
     kind: LineEventKind
     at: int
+    """Time at which the last byte was complete, or was handed over for sending (ns)."""
     direction: Way = ""
     data: bytes = b""
     faults: tuple[CharacterFault, ...] = ()
+    """Damaged and marked characters of `data`."""
     lines: Mapping[str, bool] = field(default_factory=dict)
+    """Control lines by name."""
     reason: str = ""
+    """Reason for closing."""
 
 
 Tap = Callable[[LineEvent], None]

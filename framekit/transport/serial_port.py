@@ -42,7 +42,7 @@ if sys.platform != "win32":
 
 READ_SIZE = 1024
 POLL = 0.05
-"""How long a thread waits at a time for a device without a file descriptor (s)."""
+"""Longest wait of a thread for a device without a file descriptor (s)."""
 MARK_PARITY, SPACE = "M", "S"
 """Names in pyserial of the parities whose bit is always 1 and always 0."""
 STICKY_PARITY = 0x40000000
@@ -89,12 +89,12 @@ class SerialConnection(ABC):
 
     @abstractmethod
     def write(self, data: bytes) -> None:
-        """Hand bytes over to the device without waiting."""
+        """Write bytes to the device without waiting."""
 
     @property
     @abstractmethod
     def waiting(self) -> int:
-        """Return how many bytes have not left yet, as far as that can be asked."""
+        """Return the number of bytes not sent yet, if the device reports it."""
 
     @property
     def has_carrier(self) -> bool | None:
@@ -222,7 +222,7 @@ Order = Callable[[Any], None]
 
 
 class ThreadConnection(SerialConnection):
-    """A device that is being opened, or is open. `previous` is closed before this one is opened."""
+    """A device being opened or open, handled by two threads. `previous` is closed before this one is opened."""
 
     def __init__(
         self,
@@ -349,10 +349,10 @@ class ThreadConnection(SerialConnection):
 
 
 SHORTEST_LOOK = 500_000
-"""Between two looks at a driver's queue that is not empty yet, at least (ns)."""
+"""Shortest time between two checks of a driver's queue that is not empty (ns)."""
 
 CARRIER_EVERY = 250_000_000
-"""How often the carrier of a modem is looked at (ns)."""
+"""Interval between two checks of the carrier of a modem (ns)."""
 
 LONGEST_HOLD = 30_000_000_000
 """Longest time (ns) for which the other side may hold back data to be sent (CTS off, XOFF) before the port counts as
@@ -361,7 +361,7 @@ lost.
 
 
 class SerialPort(Port):
-    """A serial port at `url` with the speed and format of `settings` (9600 8N1 where there are none)."""
+    """A serial port at `url` with the speed and format of `settings` (9600 8N1 if None)."""
 
     def __init__(
         self, url: str, settings: LineFormat | None, clock: AsyncioClock, wiring: LineSettings = PLAIN
@@ -445,7 +445,7 @@ class NinthBit:
 
 
 class _SerialUse:
-    """A port from being opened to being closed: its events in, its bytes and breaks (ns) out, in order."""
+    """The use of a serial port from opening to closing: its events in, its bytes and breaks (ns) out, in order."""
 
     def __init__(self, port: SerialPort, events: PortEvents) -> None:
         self.port = port
@@ -600,15 +600,13 @@ READ_COUNTERS = 0x545D
 
 
 class DamageMarks:
-    """Takes the marks out of a stream that may be cut anywhere."""
+    """Removes the marks from a stream that may be split anywhere."""
 
     def __init__(self) -> None:
         self._rest = b""
 
     def take_out(self, data: bytes) -> tuple[bytes, list[int]]:
-        """Return the characters, and which of them (indices) are marked; an unfinished mark is kept for the next
-        time.
-        """
+        """Return the characters, and the indices of the marked ones; an unfinished mark is kept for the next call."""
         if not self._rest and MARK not in data:
             return data, []
         data, self._rest = self._rest + data, b""
@@ -631,7 +629,7 @@ class DamageMarks:
 
 @dataclass(frozen=True, slots=True)
 class DamageCounts:
-    """How many characters a driver has found damaged, and how many breaks."""
+    """Counts of damaged characters and of breaks, as reported by a driver."""
 
     framing: int = 0
     parity: int = 0
@@ -643,7 +641,7 @@ class DamageCounts:
 
 
 def damage_counts(descriptor: int) -> DamageCounts | None:
-    """Return the counts of a port's driver; None where there are none."""
+    """Return the counts of a port's driver; None if it has none."""
     if sys.platform != "linux":
         return None
     try:
@@ -701,7 +699,7 @@ def read_at_least_one(descriptor: int) -> None:
 
 
 class DescriptorConnection(SerialConnection):
-    """An open device of this machine. Raises one of `SERIAL_ERRORS` when it cannot be opened."""
+    """An open device of this machine. Raises one of `SERIAL_ERRORS` if it cannot be opened."""
 
     def __init__(
         self,

@@ -76,7 +76,7 @@ class Transmission:
         return time
 
     def complete_by(self, time: int) -> int:
-        """Return how many characters are complete at `time`."""
+        """Return the number of characters complete at `time`."""
         elapsed, first = time - self.start, 0
         for index, pause in sorted(self._pauses.items()) if self._pauses else ():
             run = (index - first) * self.step
@@ -94,7 +94,7 @@ class Transmission:
         return count if count < most else most
 
     def runs(self) -> list[int]:
-        """Return the counts of characters at which a run without a pause ends; the last is the whole."""
+        """Return the numbers of characters at which a run without a pause ends; the last is the total."""
         return [*sorted(index for index in self._pauses if index), len(self.data)]
 
     def overlapped_by(self, other: Transmission) -> list[int]:
@@ -186,7 +186,7 @@ class Transmission:
                 del places[index]
 
     def pause(self, index: int, duration: int) -> None:
-        """Hold up the characters from `index` on; from 0: the whole."""
+        """Delay the characters from `index` on; from 0: all characters."""
         if index == 0:
             self.start += duration
         elif duration > 0:
@@ -231,7 +231,7 @@ def _parity_of(value: int, parity: str) -> int:
 
 
 Fault = Callable[[Transmission], None]
-"""Changes a transmission when it goes on the line, before any port has heard of it."""
+"""Function that changes a transmission when it begins on the line, before any port receives it."""
 
 
 def in_order(*faults: Fault) -> Fault:
@@ -523,7 +523,7 @@ class SimulatedLine:
                 self._garble(second, lost)
 
     def _garble(self, transmission: Transmission, places: Iterable[int]) -> None:
-        """Damage characters that something else on the wire overlaps; half of them have no stop bit any more."""
+        """Damage characters that overlap other characters on the wire; half of them lose their stop bit."""
         bits = transmission.wire_bits - 1
         for index in places:
             transmission.flip(index, self._random.randrange(1, 1 << bits) | self._random.randrange(2) << bits)

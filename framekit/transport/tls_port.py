@@ -40,17 +40,17 @@ FILES = ("ca", "cert", "key", "clients")
 SERVER_FORM = "tls://HOST:PORT?cert=FILE&key=FILE"
 
 HANDSHAKE_WITHIN = 10.0
-"""How long a handshake may take (s)."""
+"""Time limit of a handshake (s)."""
 SHUTDOWN_WITHIN = 2.0
 """Time limit for the other side to confirm the closing (s)."""
 MOST_HANDSHAKES = 64
-"""At once; one more takes the place of the oldest one, of the address that has the most."""
+"""Largest number of handshakes in progress; a further handshake replaces the oldest of the address with the most."""
 MOST_OF_ONE_ADDRESS = 16
 """Largest number of handshakes in progress from one address; a further handshake replaces the oldest of that
 address.
 """
 ACCEPTS_AGAIN = 1.0
-"""After the system could not take one more connection (s)."""
+"""Pause after the system could not accept a connection (s)."""
 
 _REASONS = {
     "WRONG_VERSION_NUMBER": "the other side does not speak TLS",
@@ -236,9 +236,9 @@ class TlsListener(NetworkListener):
         super().__init__(host, number, clock, accepted)
         self._context: ssl.SSLContext | None = None
         self._loaded: list[tuple[int, int, int] | None] = []
-        """How the files were when they were read last."""
+        """State of the files when they were last read."""
         self._handshakes: dict[asyncio.Task[None], str] = {}
-        """The address of each that is under way, the oldest first."""
+        """Address of each handshake in progress, the oldest first."""
 
     def _bound(self, family: socket.AddressFamily, address: tuple[str, int]) -> socket.socket:
         self._loaded = self._files()
@@ -338,7 +338,7 @@ def _stamp(file: str) -> tuple[int, int, int] | None:
 
 
 class Acceptance:
-    """A socket at which connections are accepted, until it is closed."""
+    """A socket on which connections are accepted, until it is closed."""
 
     def __init__(self, listening: socket.socket, task: asyncio.Task[None]) -> None:
         self._listening, self._task = listening, task

@@ -1,4 +1,4 @@
-"""How a line is wired, carried out around a port: the direction of RS-485, the local echo, a modem."""
+"""Wiring of a line, implemented around a port: the direction of RS-485, the local echo, a modem."""
 
 from __future__ import annotations
 

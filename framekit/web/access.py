@@ -71,7 +71,7 @@ def kept_token(text: str) -> str:
 def is_known_host(host: str) -> bool:
     """Return whether a Host header names this machine: by an address, as localhost, or by its own name.
 
-    A page of another name that has been made to lead here (DNS rebinding) comes with that name.
+    A page of another name that was redirected here (DNS rebinding) sends that name.
     """
     name = host_name(host)
     try:
@@ -83,7 +83,7 @@ def is_known_host(host: str) -> bool:
 
 
 def host_name(host: str) -> str:
-    """Return a host without its port, in small letters."""
+    """Return a host without its port, in lower case."""
     name, colon, port = host.lower().rpartition(":")
     return name if colon and port.isdecimal() else host.lower()
 

@@ -24,13 +24,13 @@ from framekit.web.messages import Actions, Message, Told, answered, plain_text, 
 log = logging.getLogger(__name__)
 
 WIDTHS = (8, 16, 24, 32)
-"""Bytes of a line."""
+"""Widths of a line (bytes) that a browser may choose."""
 MOST_LINES = 200
 MOST_FIELDS = 500
 MOST_DRAWN = 600
-"""Lines and fields in one message, and numbers of a course."""
+"""Largest number of lines and fields in one message, and of numbers of a course."""
 LARGEST_RANGE = 64
-"""Bytes that are looked at together."""
+"""Largest number of bytes examined together."""
 POINTED = (1, 2, 4)
 """Sizes (bytes) of the fields examined from a single byte on."""
 SHOWN = ("u", "i", "f", "t")
@@ -88,7 +88,7 @@ class HexBoard:
 
 
 class HexSession:
-    """One browser."""
+    """The session of a browser."""
 
     def __init__(self, board: HexBoard, access: Access, who: str) -> None:
         self.board = board
@@ -199,7 +199,7 @@ class HexSession:
         return {"client": "out", "server": "in"}.get(self.board.table.kinds[row.kind].side, "")
 
     def _fields(self, kind: Any, told: Told) -> Message:
-        """Return the fields of a kind, as its first frame has them."""
+        """Return the fields of a kind, from its first frame."""
         number = whole_number(kind)
         table = self.board.table
         if number >= len(table.kinds) or not table.kinds[number].rows:
@@ -213,7 +213,7 @@ class HexSession:
     # ---- values -------------------------------------------------------------------------------------------
 
     def _range(self, row: Any, told: Told) -> tuple[int, int, int]:
-        """Return the bytes of a row that a message means. Raises ValueError."""
+        """Return the range of bytes of a row that a message names. Raises ValueError."""
         number, first, size = whole_number(row), whole_number(told.get("first")), whole_number(told.get("size"))
         table = self.board.table
         if number >= len(table.rows) or not 1 <= size <= LARGEST_RANGE or first + size > len(table.rows[number].data):
@@ -258,7 +258,7 @@ class HexSession:
         return evidence, f"{field.wire} {field.order}" if field.wire else "", not field.size
 
     def _course(self, row: Any, told: Told) -> Message:
-        """Return the numbers that these bytes had, one after the other."""
+        """Return the numbers at these bytes in the frames of the kind, in order."""
         number, first, size = self._range(row, told)
         type_, order = plain_text(told.get("type")), plain_text(told.get("order"))
         data = self.board.table.rows[number].data[first : first + size]
@@ -273,7 +273,7 @@ class HexSession:
     # ---- names --------------------------------------------------------------------------------------------
 
     def _draft(self, wanted: Any, told: Told) -> Message:
-        """Return the definition as it is now."""
+        """Return the present definition."""
         names = self.board.names
         return {"draft": "" if names is None else names.draft.text, "file": "" if names is None else names.draft.name}
 
@@ -291,7 +291,7 @@ class HexSession:
         return await self._tried(told, lambda: self.board.forget(name, first), f"no name for byte {first} of {name}")
 
     async def _tried(self, told: Told, action: Any, what: str) -> Message:
-        """Return whether it was done, and why not."""
+        """Execute an action if the visitor may; return whether it was done, or why not."""
         answer: Message = {"done": whole_number(told.get("id"))}
         why = self.visitor.refused()
         if why:

@@ -9,7 +9,9 @@ from framekit.web.access import Access
 
 LONGEST_TEXT = 300
 LARGEST_NUMBER = 2**53
-"""Characters of a text that a browser sends; above this number not every whole one can be written in JavaScript."""
+"""Largest number of characters of a text from a browser; largest number up to which JavaScript has every whole
+number.
+"""
 
 Message = dict[str, Any]
 Told = Mapping[str, Any]
@@ -18,7 +20,7 @@ Actions = Mapping[str, Callable[[Any, Told], Message | Awaitable[Message] | None
 
 
 class PageSession(Protocol):
-    """One browser."""
+    """The session of a browser."""
 
     @property
     def wrong_tokens(self) -> int:
@@ -66,7 +68,7 @@ def plain_text(given: Any) -> str:
 
 
 def whole_number(given: Any) -> int:
-    """Return a number of a message, 0 or more: no true, and no 16.0. Raises ValueError."""
+    """Return a number of a message, 0 or more; `true` and 16.0 are refused. Raises ValueError."""
     if not isinstance(given, int) or isinstance(given, bool) or not 0 <= given <= LARGEST_NUMBER:
         raise ValueError("this is no message")
     return given

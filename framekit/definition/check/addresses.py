@@ -61,12 +61,12 @@ def check_parts(protocol: Protocol) -> Iterator[Problem]:
 
 
 def is_unit(text: str) -> bool:
-    """Return whether a text can be a unit at all: a word of the language, or `6 bytes`."""
+    """Return whether a text has the form of a unit: a word of the language, or `6 bytes`."""
     return text in UNIT_BITS or _UNIT.fullmatch(text) is not None
 
 
 def parts_in(form: AddressForm) -> Iterator[Part]:
-    """Yield the parts in braces, those in optional text too."""
+    """Yield the parts in braces, including those in optional text."""
     for item in form.parts:
         for part in item.parts if isinstance(item, Maybe) else (item,):
             if isinstance(part, Part):
@@ -216,7 +216,7 @@ def _names(
 
 
 PAIRED = ("BADC", "CDAB")
-"""Orders that exchange words, or the bytes of each."""
+"""Orders that exchange words, or the bytes of each word."""
 
 
 def is_odd(unit: str) -> bool:
@@ -231,7 +231,7 @@ def units_of(protocol: Protocol, form: AddressForm) -> set[str]:
 
 
 def units_in(protocol: Protocol, row: ServiceRow) -> set[str]:
-    """Return the units that the elements of a row may have, for some request."""
+    """Return the units that the elements of a row may have for some request."""
     if row.units and all(map(is_unit, row.units)) and not {"unit"} & {*row.back, *row.back_each}:
         return set(row.units)
     areas = [area for name, area in protocol.areas.items() if not row.areas or name in row.areas]

@@ -157,7 +157,7 @@ def _always_nested(segments: Segments) -> Iterator[Nested]:
 
 
 def _always(frame: Frame) -> int | None:
-    """Return the bytes that a frame always takes; None when that depends on its content."""
+    """Return the constant size of a frame (bytes); None if it depends on content."""
     return frame.size if frame.size is not None else all_fixed(frame.segments)
 
 
@@ -311,7 +311,9 @@ def _read_in_itself(protocol: Protocol, record: Segment) -> Iterator[Problem]:
 
 
 def _values(segments: tuple[Segment, ...], problems: dict[str, Problem]) -> dict[str, Position]:
-    """Return the values of a list with their places. Only the cases of one choice may share a name."""
+    """Return the places of the values of a list, by name; note duplicate names, which only the cases of one choice may
+    have.
+    """
     found: dict[str, Position] = {}
     for segment in segments:
         here = dict.fromkeys(segment.value_names, segment.at)
@@ -494,7 +496,7 @@ class FrameEnds:
         self._open: dict[str, bool] = {}
         sequences = tuple(protocol.sequences.values())
         self.decoded = frozenset(name for part in parts_of(sequences, Decode) for name in part.frames)
-        """The frames that steps make of bytes."""
+        """Frames that steps decode from bytes."""
 
     @cached_property
     def carried(self) -> frozenset[str]:
@@ -584,7 +586,10 @@ class FrameEnds:
         return segment.takes_rest
 
     def _is_open_inside(self, name: str) -> bool:
-        """Return whether a frame inside shows no end of its own. Each is looked at once; one inside itself is none."""
+        """Return whether an inner frame does not determine its own end.
+
+        Each frame is examined once; recursion counts as closed.
+        """
         frame = self.frames.get(name)
         if frame is None or frame.size is not None or frame.delimited:
             return False
@@ -617,9 +622,9 @@ def _ends_itself(part: Segment) -> bool:
 
 
 def _is_end_of(constant: Const, part: Segment) -> bool:
-    """Return whether a constant shows where a part ends.
+    """Return whether a constant marks the end of a part.
 
-    It ends no frame inside, and no digits if it begins like one.
+    It does not end an inner frame, nor digits if it may begin like a digit.
     """
     if isinstance(part, Wrap):
         return constant.when is None and constant.data[:1] in {bytes((byte,)) for byte in part.coding.never}
@@ -635,7 +640,7 @@ def _end_of_escape(wrap: Wrap, behind: Segments) -> Iterator[Problem]:
 
 
 def _begins_with(byte: int, segment: Segment) -> bool:
-    """Return whether a segment is surely there, and begins with that byte."""
+    """Return whether a segment is always present and begins with that byte."""
     if segment.chooses_by is not None and segment.when is None and segment.usual_block:
         return all(bool(block) and _begins_with(byte, block[0]) for block in segment.blocks)
     return isinstance(segment, Const) and segment.when is None and segment.data[:1] == bytes((byte,))
@@ -716,7 +721,7 @@ def _implies(when: Expression | None, wanted: Expression | None) -> bool:
 
 
 def _without_own_end(segments: tuple[Segment, ...]) -> Iterator[Segment]:
-    """Yield the segments of a list with those in records, cases and digits; a wrap with escape ends by itself."""
+    """Yield the segments of a list, including those in records, cases and digits; a wrap with escape ends by itself."""
     for segment in segments:
         yield segment
         if segment.is_record:

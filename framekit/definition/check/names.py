@@ -54,7 +54,7 @@ ONLY_THERE = {
     "last": "it tells whether an item is the last one: use it in the segments of a repeat",
     "previous": "it is the item before: use it in the segments of a repeat",
 }
-"""Words that have a value only in some places."""
+"""Words that have a value at certain places only."""
 
 IN_BLOCKS = frozenset({
     "result", "reply", "buffer", "data", "block", "outcome", "cause", "code", "ok", "refused", "status",
@@ -98,7 +98,7 @@ def without_parts(segment: Segment) -> list[Any]:
 
 
 class NameChecker:
-    """Checks the names of one protocol; `globally` are those that exist everywhere in it, `broken` those that would."""
+    """Checks the names of one protocol. `globally`: names known everywhere in it; `broken`: names of broken parts."""
 
     def __init__(self, protocol: Protocol, broken: Collection[str] = ()) -> None:
         self.protocol = protocol
@@ -426,7 +426,7 @@ class NameChecker:
                     self._note(node.at, what, did_you_mean(node.name, fields - OF_EVERY_FRAME))
 
     def _fields(self, frames: set[str]) -> set[str] | None:
-        """Return the fields of these frames; None when they are not known."""
+        """Return the fields of these frames; None if they are unknown."""
         if not frames or not frames <= self.protocol.frames.keys() or frames & set(self.broken):
             return None
         found = {name for frame in frames for name in field_names(self.protocol.frames[frame].segments)}

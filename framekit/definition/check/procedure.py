@@ -218,7 +218,7 @@ def actions_of(*holders: object) -> Iterator[Action]:
 
 
 def shared_actions(sequence: Sequence) -> Iterator[Action]:
-    """Return the actions that hold for all steps of a sequence."""
+    """Return the actions that apply to all steps of a sequence."""
     return actions_of(sequence.always, dict(sequence.handlers))
 
 
@@ -282,9 +282,9 @@ def _lane(protocol: Protocol, role: Role, lane: Lane) -> Iterator[Problem]:
 
 
 def _given_by_services(protocol: Protocol, sequence: str) -> set[str]:
-    """Return the arguments that every service which runs a sequence takes, and so hands to it.
+    """Return the arguments that every service with this sequence takes, and so passes to it.
 
-    Rows of read and write without a request hand over the names they have of the place and the data.
+    Rows of read and write without a request pass their names of the place and the data.
     """
     places = {*OFFERED, *(name for form in protocol.addresses for name in form.results)}
     places |= {part.name for form in protocol.addresses for part in parts_in(form)}
@@ -495,7 +495,7 @@ class _SequenceChecker:
 
     @staticmethod
     def _falls_through(step: Step) -> bool:
-        """Return whether `then` of the step itself can be taken."""
+        """Return whether `then` of the step itself can apply."""
         if step.receive is None and step.branch is None:
             return True
         actions = (*(step.receive or ()), *(step.branch or ()), *chain(*step.handlers.values()))
@@ -539,7 +539,9 @@ class _SequenceChecker:
 
 
 def waits(step: Step, *, sending: bool = True) -> bool:
-    """Return whether a step takes time or looks at the line, `sending` too if wanted; calls and asks are taken to."""
+    """Return whether a step takes time or observes the line, with `sending` also by sending; calls and asks are assumed
+    to.
+    """
     timed = (step.wait, step.hold_break, step.receive, step.call, step.ask, step.send if sending else None)
     return any(part is not None for part in timed) or any(action.send is not None for action in actions_of(step))
 

@@ -169,7 +169,7 @@ def _reads_of(node: Node, lists: Mapping[str, EachOf]) -> Iterator[Attribute]:
 
 
 def _list_names(row: ServiceRow) -> dict[str, EachOf]:
-    """Return the lists of the request that have an item for each variable, by name."""
+    """Return the lists of the request with an item for each variable, by name."""
     sent = [row.request, row.buffer]
     holders: list[FrameOf | LayoutOf | RecordOf] = [*parts_of(sent, FrameOf), *parts_of(sent, LayoutOf)]
     holders += parts_of(sent, RecordOf)
@@ -177,7 +177,7 @@ def _list_names(row: ServiceRow) -> dict[str, EachOf]:
 
 
 def item_names(protocol: Protocol, row: ServiceRow) -> set[str]:
-    """Return the fields that items of the request's lists have."""
+    """Return the fields of the items of the request's lists."""
     sent, lists, found = [row.request, row.buffer], _list_names(row), set[str]()
     frames = [protocol.frames.get(made.frame) for made in parts_of(sent, FrameOf)]
     layouts = [protocol.layouts.get(made.layout) for made in parts_of(sent, LayoutOf)]
@@ -207,7 +207,7 @@ def _missing_names(protocol: Protocol, row: ServiceRow, read: set[str]) -> Itera
 
 
 _FILLED_UP = ("packed", "aligned", "nibble_each")
-"""Forms of bits whose data are filled up to whole bytes."""
+"""Forms of bits whose data are padded to whole bytes."""
 
 
 def _uncounted(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
@@ -232,7 +232,7 @@ def _uncounted(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
 
 
 def _holders_of_data(values: Iterable[Value]) -> Iterator[str]:
-    """Yield the fields that `data` is given to."""
+    """Yield the fields that hold `data`."""
     for made in values:
         if isinstance(made, (FrameOf, LayoutOf, RecordOf, EachOf)):
             for name, value in made.fields.items():
@@ -242,7 +242,7 @@ def _holders_of_data(values: Iterable[Value]) -> Iterator[str]:
 
 
 def _padded(protocol: Protocol, sent: list[Value]) -> set[str]:
-    """Return the data that are filled up with padding, in the frames and layouts of a request."""
+    """Return the names of padded data in the frames and layouts of a request."""
     frames = [protocol.frames.get(made.frame) for made in parts_of(sent, FrameOf)]
     layouts = [protocol.layouts.get(made.layout) for made in parts_of(sent, LayoutOf)]
     holders = [holder.segments for holder in (*frames, *layouts) if holder is not None]
@@ -250,9 +250,7 @@ def _padded(protocol: Protocol, sent: list[Value]) -> set[str]:
 
 
 def serves(protocol: Protocol) -> bool:
-    """Return whether a device may be made of this definition; of an application, the protocol that carries it
-    decides.
-    """
+    """Return whether devices can use this definition; for an application, the protocol that carries it decides."""
     if protocol.kind == "application":
         return True
     return any(step.serve is not None for sequence in protocol.sequences.values() for step in sequence.steps)
@@ -395,7 +393,7 @@ def check_unserved(protocol: Protocol) -> Iterator[Problem]:
 
 
 def _takes_all(alike: _Alike, earlier: ServiceRow, later: ServiceRow) -> bool:
-    """Return whether the earlier row fits every request that the later one fits."""
+    """Return whether the earlier row matches every request that the later row matches."""
     assert earlier.request is not None and later.request is not None
     if earlier.buffer is None and later.buffer is not None:
         return False
@@ -427,7 +425,7 @@ def _back_fits(earlier: ServiceRow, later: ServiceRow) -> bool:
 
 
 def _areas_fit(earlier: ServiceRow, later: ServiceRow) -> bool:
-    """Return whether the earlier row is for every area that a request of the later one can name."""
+    """Return whether the earlier row is for every area that a request of the later row can name."""
     source = _area_source(earlier)
     if source == "code" and _area_source(later) != "code":
         return False

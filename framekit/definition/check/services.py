@@ -1,4 +1,4 @@
-"""Services, areas, errors: constructors name fields there are, areas and units are known, a reply always fits."""
+"""Services, areas, errors: constructors name existing fields, areas and units are known, some reply always applies."""
 
 from __future__ import annotations
 

@@ -229,7 +229,7 @@ class KindChecker:
         return field_kinds(holder.members).get(node.name, "any") if holder.is_one else "list"
 
     def _columns(self, node: Node) -> Collection[str] | None:
-        """Return the names in the rows of the table that a row is taken of."""
+        """Return the names in the rows of the table from which a row is taken."""
         if isinstance(node, Index) and isinstance(node.value, Name) and self.names.get(node.value.name) == "table":
             return self.columns.get(node.value.name)
         return None
@@ -252,7 +252,7 @@ class KindChecker:
         return None
 
     def _is_whole(self, node: Node) -> bool:
-        """Return whether a node is a record by itself, which has fields but no value: that is noted."""
+        """Return whether a node is a whole record, which has fields but no value; that is noted."""
         holder = self._held(node)
         if holder is None or not holder.is_one or holder.is_item:
             return False
@@ -465,7 +465,7 @@ def field_kinds(segments: Iterable[Segment]) -> dict[str, Kind]:
 
 
 def named_numbers(segments: Iterable[Segment]) -> frozenset[str]:
-    """Return the names of values that are numbers for every function, and that a text may be compared with."""
+    """Return the names of values that count as numbers in functions and may be compared with a text."""
     numbers = [(segment, dict(segment.numbers_with_names())) for segment in flat(segments)]
     named = {name for _, names in numbers for name, values in names.items() if values is not None}
     others = {segment.name for segment, names in numbers if segment.name and names.get(segment.name) is None}
@@ -473,7 +473,7 @@ def named_numbers(segments: Iterable[Segment]) -> frozenset[str]:
 
 
 def add_kind(found: dict[str, Kind], name: str, kind: Kind) -> None:
-    """Note the kind of a name; one with two kinds is `any`."""
+    """Add the kind of a name; a name with two kinds is `any`."""
     found[name] = kind if found.get(name, kind) == kind else "any"
 
 

@@ -27,7 +27,7 @@ Segments = tuple["Segment", ...]
 """Segments in their order on the wire."""
 
 Contents = Callable[[str], Iterable["Segment"] | None]
-"""Gives the segments of a frame by name; None where they are not known."""
+"""Function that returns the segments of a frame by name; None if unknown."""
 
 Given = tuple[Expression | None, ValueKind, Mapping[int, str] | None]
 """An expression, its required kind, and the names of numbers that it may be instead."""
@@ -93,7 +93,7 @@ class Segment:
     """Code with which a fault in the segment is answered; None: the frame is dropped."""
     doc: str = ""
     holder: str = ""
-    """The path of the record or list whose value it belongs to; empty in the frame itself."""
+    """Path of the record or list that has its value; empty for the frame itself."""
 
     # ---- in YAML ------------------------------------------------------------------------------------------
 
@@ -126,15 +126,15 @@ class Segment:
 
     @classmethod
     def attributes(cls, loader: SegmentLoading, keys: Keys) -> dict[str, Any]:
-        """Return the attributes that the keys give. Raises Broken."""
+        """Return the attributes from the keys of a mapping. Raises Broken."""
         return read_keys(cls, loader, keys)
 
     # ---- contents -----------------------------------------------------------------------------------------
 
     @property
     def path(self) -> str:
-        """Return the names of the records around it and its own, joined by dots: only the cases of one choice
-        share it.
+        """Return its name after the names of the records that contain it, joined by dots: unique, except between cases
+        of a choice.
         """
         return self.sibling_path(self.name or "")
 
@@ -144,12 +144,12 @@ class Segment:
 
     @property
     def value_names(self) -> tuple[str, ...]:
-        """Return the names of the values that it holds itself."""
+        """Return the names of its own values."""
         return (self.name,) if self.name and self.VALUE is not None else ()
 
     @property
     def blocks(self) -> tuple[Segments, ...]:
-        """Return the lists of segments inside whose values belong to the same record as the segment."""
+        """Return the inner lists of segments whose values belong to the same record as the segment."""
         return ()
 
     @property
@@ -164,7 +164,7 @@ class Segment:
 
     @property
     def is_record(self) -> bool:
-        """Return whether its value is one record."""
+        """Return whether its value is a single record."""
         return self.inner_record is not None and not self.is_list
 
     @property
@@ -193,15 +193,15 @@ class Segment:
         return ()
 
     def with_blocks(self, change: Callable[[Segments], Segments]) -> Self:
-        """Return the same segment with every list of `blocks` changed."""
+        """Return the segment with every list of `blocks` changed."""
         return self
 
     def with_record(self, change: Callable[[Segments], Segments]) -> Self:
-        """Return the same segment with the list of `inner_record` changed."""
+        """Return the segment with the list of `inner_record` changed."""
         return self
 
     def with_lists(self, change: Callable[[Segments], Segments]) -> Self:
-        """Return the same segment with every list in it changed."""
+        """Return the segment with every inner list changed."""
         return self.with_blocks(change).with_record(change)
 
     # ---- bytes --------------------------------------------------------------------------------------------
@@ -223,12 +223,12 @@ class Segment:
 
     @property
     def whole_frame(self) -> int | None:
-        """Return the size of the whole frame, where the segment fills it up."""
+        """Return the size of the whole frame, for a segment that fills the frame up; else None."""
         return None
 
     @property
     def takes_rest(self) -> bool:
-        """Return whether it reaches to the end of its region."""
+        """Return whether it extends to the end of its region."""
         return False
 
     @property
@@ -238,7 +238,7 @@ class Segment:
 
     @property
     def size_expression(self) -> Expression | None:
-        """Return the expression that gives its size, if one does."""
+        """Return the expression for its size, or None."""
         size = getattr(self, "size", None) if self.number_type is None else self.number_type.size
         return size if isinstance(size, Expression) else None
 
@@ -250,7 +250,7 @@ class Segment:
             yield self.name, self.VALUE or "any"
 
     def numbers_with_names(self) -> Iterator[tuple[str, Mapping[int, str] | None]]:
-        """Return the values that are numbers of their own, with the names of these."""
+        """Return the values that are numbers, with the names of these numbers."""
         return iter(())
 
     @property
@@ -260,12 +260,12 @@ class Segment:
 
     @property
     def given_names(self) -> tuple[str, ...]:
-        """Return the values that may be given when a frame is built: those that are not computed always."""
+        """Return the values that may be given when a frame is built: those not always computed."""
         return self.value_names
 
     @property
     def lacks_default(self) -> bool:
-        """Return whether it holds a value that the definition neither computes nor gives a default."""
+        """Return whether it has a value without a computation or a default in the definition."""
         inside = self.blocks if self.is_there_inside else ()
         return bool(self.wanted_names) or any(lack_default(block) for block in inside)
 
@@ -287,7 +287,7 @@ class Segment:
         yield self.size_expression, "number", None
 
     def computed(self) -> Iterator[tuple[str, Expression]]:
-        """Return the expressions that give values, by the name of the value."""
+        """Return the expressions that compute values, by the name of the value."""
         return iter(())
 
     @property
@@ -303,7 +303,7 @@ class Segment:
     # ---- loading ------------------------------------------------------------------------------------------
 
     def resolved(self, references: References) -> Segment:
-        """Return the same segment with the names of others in it written out, and looked for in lists inside."""
+        """Return the segment with the names of other segments expanded, in inner lists too."""
         return self.with_record(references.inside)
 
     def fixed(self, reader: Reader, wheres: Mapping[str, Fixing], used: set[str]) -> Segment:
@@ -316,7 +316,7 @@ class Segment:
 
     @property
     def chooses_by(self) -> Expression | None:
-        """Return the value it chooses by."""
+        """Return the expression that selects its case, or None."""
         return None
 
     # ---- checking -----------------------------------------------------------------------------------------
@@ -377,7 +377,7 @@ def least_size(segments: Segments) -> int:
 # ---- the kinds there are ------------------------------------------------------------------------------------
 
 KINDS: dict[str, type[Segment]] = {}
-"""The kinds by the keys that name them."""
+"""Kinds of segments by their keys."""
 
 
 def add_kind(*kinds: type[Segment]) -> None:
@@ -390,7 +390,7 @@ def add_kind(*kinds: type[Segment]) -> None:
 
 
 class Numbered(Interface):
-    """A segment with one number."""
+    """A segment with a single number."""
 
     @property
     def at(self) -> Position: ...
@@ -428,7 +428,7 @@ VALUE_NAMES = Form(ref("value_names"), lambda r, node: value_names(r.space, node
 
 
 def constant_number(expression: Expression | None) -> int | None:
-    """Return the number, if the expression is just one."""
+    """Return the number if the expression is a constant number; else None."""
     match expression.root if expression is not None else None:
         case Number(value=value, is_time=False):
             return value
@@ -500,7 +500,7 @@ def zero_with_a_sign(segment: Numbered) -> Iterator[Problem]:
 
 
 def number_written(reader: Reader, holder: Any, scalar: Scalar) -> int:
-    """Return a number, or a name of one among the `values` of a field or of bits. Raises Broken."""
+    """Return a number, or the number of a name among the `values` of a field or of bits. Raises Broken."""
     for number, name in (holder.values or {}).items():
         if name == scalar.text:
             return int(number)

@@ -118,7 +118,7 @@ def _parts(reading: KeyReading) -> tuple[BitsPart, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bits(Segment):
-    """A number cut into named bits; `type` is its form on the wire. Bits without a name are 0 and not looked at."""
+    """A number divided into named bits; `type` is its form on the wire. Bits without a name are 0, and not checked."""
 
     KEY: ClassVar[str] = "bits"
 

@@ -38,7 +38,7 @@ class Added:
 
 
 Edges = tuple[str, str]
-"""From one segment to another; the last name may be `here`."""
+"""A range from one segment to another; the last name may be `here`."""
 Covered = str | Edges | Added
 """A covered part: a named segment, a range from one segment to another, or bytes that are not on the wire."""
 

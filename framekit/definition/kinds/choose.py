@@ -31,7 +31,10 @@ CASES = Form({"type": "object", "minProperties": 1, "additionalProperties": here
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Choose(Segment):
-    """The case whose keys hold the value of `on`; its fields belong to the frame around. None fits: a fault."""
+    """Selects the case with the value of `on`; its fields belong to the surrounding record.
+
+    A value without a case is a fault.
+    """
 
     KEY: ClassVar[str] = "choose"
 

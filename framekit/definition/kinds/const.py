@@ -28,7 +28,7 @@ CHARACTERS = Form({"type": ["string", "integer", "number", "boolean"], "minLengt
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Const(Segment):
-    """Bytes that are always there (`const`, `text`)."""
+    """Constant bytes (`const`, `text`)."""
 
     KEY: ClassVar[str] = "const"
 

@@ -1,4 +1,4 @@
-"""`length`, `count`: how many bytes others take, how many items a list has."""
+"""`length`, `count`: numbers for the size of other segments and for the items of a list."""
 
 from __future__ import annotations
 
@@ -79,9 +79,9 @@ class Counting(Segment):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Length(Counting):
-    """How much room the segments named in `of` take: value = bytes on the wire // unit + plus.
+    """Size of the segments named in `of`: value = bytes on the wire // unit + plus.
 
-    `plain` counts before conversion; `unit` is bytes a counted unit; `limits` and `zero_means` as for a field.
+    `plain`: size before conversion; `unit`: bytes for each count; `limits` and `zero_means` as for a field.
     """
 
     KEY: ClassVar[str] = "length"
@@ -111,7 +111,7 @@ class Length(Counting):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Count(Counting):
-    """How many items the repeat named in `of` has."""
+    """Number of items of the list named in `of`."""
 
     KEY: ClassVar[str] = "count"
 
@@ -139,6 +139,6 @@ class Count(Counting):
 
 
 def _has_bytes(segment: Segment) -> bool:
-    """Return whether it is a plain value whose bytes a length could count."""
+    """Return whether it is a plain value with bytes that a length could count."""
     inside = segment.inner_record or segment.frames_inside or isinstance(segment, Counting)
     return segment.takes_bytes and segment.value_names == (segment.name,) and not inside

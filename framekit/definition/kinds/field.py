@@ -167,8 +167,8 @@ class Field(Segment):
 
     @property
     def wire_values(self) -> tuple[int | str | bytes, ...] | None:
-        """Return the values that it may have on the wire by `where`, `is` or `only: values`; None if these leave it
-        open.
+        """Return its possible values on the wire by `where`, `is` or `only: values`; None if these do not restrict
+        them.
         """
         allowed: tuple[int | str | bytes, ...] | None = None
         if self.constants is not None:

@@ -65,7 +65,9 @@ class Inner(Segment):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Nested(Segment):
-    """A record of the layout around it, one level deeper: the fields of the frame `frame`, which ends by itself."""
+    """A record of the surrounding layout, one level deeper: the fields of the frame `frame`, which determines its own
+    end.
+    """
 
     VALUE: ClassVar[ValueKind | None] = "any"
     WANTED: ClassVar[bool] = True

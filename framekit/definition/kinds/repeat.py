@@ -56,7 +56,7 @@ from framekit.definition.wire_types import (
 
 INDEX, LAST, PREVIOUS = "item.index", "item.last", "item.previous"
 PLAIN = "value"
-"""The field in an item of a list of plain values, where something else belongs to the item: a separator, filling."""
+"""Name of the value in an item of a list of plain values with a separator or alignment."""
 ITEM_WORDS = {"index": INDEX, "last": LAST, "previous": PREVIOUS}
 """Words in the items of a list, and the internal names that they stand for."""
 
@@ -180,7 +180,7 @@ class Repeat(Segment):
 
     @property
     def plain_type(self) -> FieldType | None:
-        """Return the type of the items, where they are plain values."""
+        """Return the type of the items if they are plain values; else None."""
         if isinstance(self.of, FieldType):
             return self.of
         last = self.of[-1] if self.single else None
@@ -188,7 +188,7 @@ class Repeat(Segment):
 
     @property
     def record(self) -> Segments | None:
-        """Return the segments of an item, where the items are records."""
+        """Return the segments of an item if the items are records; else None."""
         return None if self.single else self.inner_record
 
     @property
@@ -206,7 +206,7 @@ class Repeat(Segment):
 
     @property
     def is_counted(self) -> bool:
-        """Return whether the number of items is known before the first one is read."""
+        """Return whether the number of items is known before the first is read."""
         return self.times is not None and self.times != "rest"
 
     def with_record(self, change: Callable[[Segments], Segments]) -> Self:
@@ -296,7 +296,7 @@ def _may_be_nothing(segment: Segment) -> bool:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Record(Segment):
-    """A layout included `as` a name: its fields make one value, a mapping."""
+    """A layout included `as` a name: its fields form one value, a mapping."""
 
     VALUE: ClassVar[ValueKind | None] = "record"
 
@@ -360,7 +360,7 @@ class IncludeKeys(Segment):
 
 
 def _under(segment: Segment, when: Expression | None, refuse: int | None) -> Segment:
-    """Return an included segment with the `when` and `refuse` of its include."""
+    """Return an included segment with `when` and `refuse` of its include."""
     if when is not None:
         segment = replace(segment, when=both(when, segment.when))
     if refuse is not None and segment.refuse is None:

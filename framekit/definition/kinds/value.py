@@ -1,4 +1,4 @@
-"""`value`, `require`: a value that takes no bytes, and a condition that must hold."""
+"""`value`, `require`: a value without bytes, and a condition on the frame."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Value(Segment):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Require(Segment):
-    """A condition that must hold, when building and when reading."""
+    """A condition that must hold when building and when reading."""
 
     KEY: ClassVar[str] = "require"
     takes_bytes: ClassVar[bool] = False

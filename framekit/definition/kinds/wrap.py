@@ -98,7 +98,7 @@ class Wrap(Segment):
 
     @property
     def escape(self) -> int | None:
-        """Return the byte that is doubled in the content, if one is."""
+        """Return the byte that is doubled in the content; None for other codings."""
         return self.coding.escape if isinstance(self.coding, Doubled) else None
 
     @property

@@ -33,7 +33,7 @@ from framekit.definition.problems import Position, did_you_mean, plural
 from framekit.definition.tree import Entry, Mapping, Node, Scalar, Sequence
 
 MOST_SEGMENTS = 4000
-"""Of one frame, with everything it includes."""
+"""Largest number of segments of one frame, including its includes."""
 MOST_LEVELS = 32
 """Largest depth of a layout that contains itself."""
 
@@ -62,7 +62,7 @@ class SegmentLoader:
         self.known = _names_everywhere(space)
 
     def load(self, node: Node | None) -> Segments:
-        """Return the segments of a list; those that are broken are left out after their problem is noted."""
+        """Return the segments of a list; broken ones are noted and left out."""
         found: list[Segment] = []
         for item in self.reader.items(node):
             try:
@@ -126,7 +126,7 @@ class SegmentLoader:
             self.under_way.pop()
 
     def find_frames(self, space: Any, node: Node) -> tuple[str, ...]:
-        """Return the frames that a name means. Raises Broken."""
+        """Return the frames that a name refers to. Raises Broken."""
         return self.frames.find(space, node)
 
     def nested(self, node: Node, depth: Node) -> str:
@@ -152,7 +152,7 @@ class SegmentLoader:
 
 
 def _stands_in(wanted: Sequence, space: Meanings, nodes: Node, seen: list[Node]) -> bool:
-    """Return whether a layout is included somewhere in nodes, also by layouts that these include."""
+    """Return whether nodes include a layout, directly or through other layouts."""
     if isinstance(nodes, Sequence):
         return any(_stands_in(wanted, space, item, seen) for item in nodes.items)
     if not isinstance(nodes, Mapping):

@@ -113,11 +113,11 @@ class Owned:
 
 
 class Namespace:
-    """Looks names up for the loaders. One for every source; used files have their own.
+    """Name lookup for the loaders, one for every source; used files have their own.
 
-    `circles`: layouts that include each other, `too_much`: includes of too many segments that have been
-    reported. `too_large`: the layouts that hold too many. `twice`: names of a protocol and of its application too, so
-    that it is open which is meant.
+    `circles`: layouts that include each other, `too_much`: whether includes of too many segments have been reported.
+    `too_large`: the layouts with too many segments. `twice`: names that both a protocol and its application define,
+    which are ambiguous.
     """
 
     def __init__(self, reader: Reader, source: SourceText) -> None:
@@ -143,15 +143,15 @@ class Namespace:
         return [item for source in self._sources() for item in source.uses.items()]
 
     def _saying(self, key: str, word: str) -> set[str]:
-        """Return the files in which a key has this word."""
+        """Return the files in which a key has this value."""
         return {file for one in self._sources() if scalar_of(one.root.get(key)) == word for file in one.files}
 
     def turns_conversions(self, file: str) -> bool:
-        """Return whether names of conversions in `file` mean the direction of the frame."""
+        """Return whether names of conversions in `file` are relative to the direction of the frame."""
         return file in self._turned
 
     def order(self, file: str) -> str:
-        """Return the byte order of numbers written in `file`."""
+        """Return the byte order of numbers in `file`."""
         return "little" if file in self._little else "big"
 
     def section(self, key: str) -> dict[str, Owned]:
@@ -185,7 +185,7 @@ class Namespace:
         return None
 
     def layout(self, node: Node) -> tuple[Sequence, Meanings]:
-        """Return the segments of a layout and the namespace they are to be read in. Raises Broken."""
+        """Return the segments of a layout and the namespace in which they are read. Raises Broken."""
         name = self.reader.text(node)
         space: Namespace = self
         layouts = space.section("layouts")

@@ -18,7 +18,7 @@ from framekit.definition.tree import Sequence as Items
 
 
 class ValueLoader:
-    """Reads values; it knows which words are frames and layouts."""
+    """Reads values; it recognizes the names of frames and layouts."""
 
     def __init__(self, space: Namespace, frames: FrameLoader) -> None:
         self.space = space
@@ -121,7 +121,7 @@ P = TypeVar("P", Action, Row, Step)
 
 
 class ProcedureLoader:
-    """Reads the section `sequences`. `partly`: sequences of which something is missing."""
+    """Reads the section `sequences`. `partly`: sequences with broken parts left out."""
 
     def __init__(self, values: ValueLoader) -> None:
         self.values = values
@@ -174,7 +174,7 @@ class ProcedureLoader:
         return tuple((entry.key.text, self.values.fields(entry.value)) for entry in self.reader.entries(node))
 
     def arrivals(self, keys: Mapping) -> tuple[str, ...]:
-        """Return the frames that `frame` of a row names."""
+        """Return the frames named by `frame` of a row."""
         frames: list[str] = []
         for item in self.reader.items(keys.get("frame")):
             if self.reader.text(item) != "expected":

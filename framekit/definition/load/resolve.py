@@ -77,7 +77,7 @@ def resolve_names(reader: Reader, value: Any, numbers_of: NumbersOf) -> Any:
 
 
 def _changed(value: Any, change: Callable[[Any], Any]) -> Any:
-    """Return a value with each of its parts changed; the same object where none of them is another one then."""
+    """Return a value with each of its parts changed; the same object if no part has changed."""
     if isinstance(value, Position):
         return value
     if isinstance(value, tuple):
@@ -128,7 +128,7 @@ class _Fields:
 
     paths: Set[str]
     numbers: Mapping[str, Mapping[str, int] | None]
-    """For the paths of numbers: the numbers by their names; None where these have none."""
+    """Numbers by name for the paths of numbers; None for numbers without names."""
 
 
 def numbers_by_name(named: Iterable[tuple[str, Mapping[int, str] | None]]) -> dict[str, Mapping[str, int] | None]:
@@ -239,7 +239,7 @@ def _rows_changed(sequence: Sequence, change: Callable[[Row], Row]) -> Sequence:
 
 
 def _way_to(node: Node) -> tuple[str, ...]:
-    """Return the name that an expression reads a field of, and the way to the field; an item counts as its list."""
+    """Return the name whose field an expression reads, and the path of the field; an item counts as its list."""
     match node:
         case Name(name=name):
             return (name,)
@@ -251,7 +251,7 @@ def _way_to(node: Node) -> tuple[str, ...]:
 
 
 def _named_fields(segments: tuple[Segment, ...]) -> list[tuple[str, Mapping[int, str] | None]]:
-    """Return the paths of fields that hold numbers, with the names of these."""
+    """Return the paths of fields that hold numbers, with the names of the numbers."""
     return [
         (segment.sibling_path(name), names)
         for segment in everything(segments)
@@ -265,7 +265,7 @@ def _named_fields(segments: tuple[Segment, ...]) -> list[tuple[str, Mapping[int,
 STATION = "station"
 
 Path = tuple[str, ...]
-"""A field's way through the records of a frame."""
+"""Path of a field through the records of a frame."""
 
 Way = tuple[tuple[Path, Expression], ...]
 """A way in which a constructor fills the station of a frame: fields with their expressions."""
@@ -273,15 +273,14 @@ Way = tuple[tuple[Path, Expression], ...]
 
 @dataclass(frozen=True)
 class Stations:
-    """Where frames carry their station.
-
-    `ways`: frame → every way in which something fills its station. `given`: frame → all fields that something fills.
-    `settings`: frame → fields that parameters fill, with everything that is in them.
-    """
+    """Station fields of frames."""
 
     ways: Mapping[str, tuple[Way, ...]]
+    """Frame → the ways in which constructors fill its station."""
     given: Mapping[str, set[str]]
+    """Frame → all fields that constructors fill."""
     settings: Mapping[str, Mapping[Path, tuple[Expression, ...]]]
+    """Frame → fields that parameters fill, with all expressions used."""
     padding: Mapping[str, Mapping[Path, str]]
     """Frame → padded fields, each with its padding as a literal of the language."""
 
@@ -458,7 +457,7 @@ def _same(path: Path, value: Expression, station: Expression, at: Position, pad:
 
 
 def _put(node: Any, station: Node) -> Any:
-    """Return an expression with another one in the place of `station`."""
+    """Return an expression with `station` replaced by another expression."""
     if isinstance(node, Name) and node.name == STATION:
         return station
     return _changed(node, lambda part: _put(part, station))

@@ -39,7 +39,7 @@ class ServiceLoader:
         self.reader: Reader = values.reader
 
     def rows(self, entry: Entry) -> tuple[ServiceRow, ...]:
-        """Return the rows of one service, in order; broken ones are left out."""
+        """Return the rows of one service, in order; broken rows are noted and left out."""
         found, service = [], entry.key.text
         for number, item in enumerate(self.reader.items(entry.value), start=1):
             with self.reader.going_on():
@@ -57,7 +57,7 @@ class ServiceLoader:
         return found
 
     def block(self, node: Node) -> BlockWork:
-        """Return the exchange that a request asks for. Raises Broken."""
+        """Return the exchange that a request causes on the other side. Raises Broken."""
         reader, keys = self.reader, self.reader.mapping(node)
         for one, other in pairwise([key for key in ("read", "write", "call") if key in keys]):
             at = keys.get(other)
@@ -96,7 +96,7 @@ _WIDTH = re.compile(r"(?:(?P<least>\w+)-)?(?P<most>\w+)")
 def load_address_forms(
     reader: Reader, node: Node | None, areas: Collection[str], tables: Collection[str]
 ) -> tuple[AddressForm, ...]:
-    """Return the forms of an `addresses` section; broken ones are noted and left out."""
+    """Return the forms of an `addresses` section; broken forms are noted and left out."""
     found = []
     for item in reader.items(node):
         with reader.going_on():

@@ -40,7 +40,7 @@ MACS: Mapping[str, Mac] = {
     "hmac-sha512": Mac(64),
     "cmac-aes": Mac(16, AES_KEY_SIZES, is_extra=True),
 }
-"""The codes by name."""
+"""MAC methods by name."""
 
 LIBRARY = "cryptography"
 """Library for some codes and for ciphers; it is an extra."""
@@ -62,7 +62,7 @@ def wrong_size(name: str, value: Expression, allowed: tuple[int, ...], what: str
 CHECK_KINDS = {"sum", "word_sum", "xor", "sum7", "xor7", "or", "multiply", "crc", "fold", "code", *MACS}
 Complement = Literal["ones", "twos"]
 WIDEST = 128
-"""Bits of the widest check code that is accepted."""
+"""Width of the widest accepted check code (bits)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,7 +111,7 @@ class CheckMethod:
 
     @property
     def is_of_bytes(self) -> bool:
-        """Return whether bytes are all it takes."""
+        """Return whether the code depends on bytes only."""
         return self.kind != "fold" and not self.is_keyed
 
     def fault(self) -> str | None:
@@ -174,7 +174,7 @@ class CatalogueEntry:
 
 @cache
 def crc_catalogue() -> tuple[CatalogueEntry, ...]:
-    """Return every CRC of the data file, narrow ones first."""
+    """Return every CRC of the data file, in order of width."""
     lines = CATALOGUE.read_text(encoding="ascii").splitlines()
     return tuple(_entry(line) for line in lines if line and not line.startswith("#"))
 
@@ -195,7 +195,7 @@ def _entry(line: str) -> CatalogueEntry:
 
 
 ADDED: dict[str, CheckMethod] = {}
-"""Those that a program brings by itself."""
+"""Methods registered by programs."""
 
 
 def add_method(method: CheckMethod, module: str) -> None:
@@ -215,7 +215,7 @@ def add_method(method: CheckMethod, module: str) -> None:
 
 @cache
 def ready_methods() -> Mapping[str, CheckMethod]:
-    """Return all ready methods by name and by alias; an alias gives the method with its main name."""
+    """Return all ready methods by name and by alias; an alias returns the method with its main name."""
     methods = {method.name: method for method in SIMPLE}
     methods.update((alias, methods[name]) for alias, name in SIMPLE_ALIASES.items())
     methods.update(ADDED)

@@ -35,7 +35,9 @@ def flat(segments: Iterable[Segment]) -> Iterator[Segment]:
 
 
 def everything(segments: Iterable[Segment]) -> Iterator[Segment]:
-    """Yield every segment, also those in records and lists; these come after the segments of the record around them."""
+    """Yield every segment, including those in records and lists, which come after the segments of the surrounding
+    record.
+    """
     for segment in flat(segments):
         yield segment
         yield from everything(segment.inner_record or ())
@@ -71,7 +73,7 @@ def certain(segments: Iterable[Segment], there: bool = True) -> Iterator[tuple[S
 
 
 def by_value_name(segments: Iterable[Segment]) -> dict[str, Segment]:
-    """Return the segments of one record that hold values, by the name of the value."""
+    """Return the segments of one record with values, by the name of the value."""
     return {name: segment for segment in flat(segments) for name in segment.value_names}
 
 
@@ -85,7 +87,7 @@ def change_all(segments: Segments, change: Callable[[Segment], Segment]) -> Segm
 
 
 def with_holders(segments: Segments, holder: str = "") -> Segments:
-    """Return the segments, each with the path of the record that holds it."""
+    """Return the segments, each with the path of its record."""
 
     def change(segment: Segment) -> Segment:
         held = replace(segment, holder=holder) if holder else segment
@@ -113,7 +115,7 @@ def without_when(segment: Segment) -> Segment:
 
 
 def field_names(segments: Iterable[Segment]) -> set[str]:
-    """Return the names that values of these segments have."""
+    """Return the names of the values of these segments."""
     return {name for segment in flat(segments) for name in _own_names(segment)}
 
 

@@ -129,7 +129,7 @@ class Row(Action):
 
 @dataclass(frozen=True, slots=True)
 class Parts:
-    """`parts: {of, size}`: the step is done once for each piece."""
+    """`parts: {of, size}`: the step is repeated for each piece."""
 
     of: Expression = key("of", OCTETS, "The bytes.")
     size: Expression = key("size", COUNT, "Size of a piece.")
@@ -179,7 +179,7 @@ def _line_change(reading: KeyReading, node: Node) -> LineChange:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Decode:
-    """`decode: {of, frame, into}`: bytes that the sequence has collected become a frame, one of `frames`."""
+    """`decode: {of, frame, into}`: collected bytes are decoded as one of `frames`."""
 
     at: Position
     of: Expression = key("of", OCTETS, "The bytes, all of one frame.")
@@ -200,7 +200,7 @@ class CallOf:
 
 
 def handler_keys(*events: str) -> Mapping[str, tuple[Action, ...]]:
-    """Return the attribute of the handlers: event → actions."""
+    """Declare the attribute of the handlers: event → actions."""
     schemas = {
         event: {**here("action" if event == "on_byte" else "handler"), "description": HANDLERS[event]}
         for event in events
@@ -309,7 +309,7 @@ class Step:
 
 
 ADDED_KEYS: dict[str, Key] = {}
-"""Keys of steps that programs bring by themselves."""
+"""Keys of steps that programs register."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -368,7 +368,10 @@ def _lanes(reading: KeyReading, node: Node) -> tuple[Lane, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Role:
-    """A side of the line: its lanes in the order frames are offered to them. `other_side`: the role that answers it."""
+    """A side of the line: its lanes in the order in which frames are offered to them.
+
+    `other_side`: the role that answers it.
+    """
 
     name: str
     at: Position
@@ -378,12 +381,12 @@ class Role:
 
     @property
     def exchanges(self) -> bool:
-        """Return whether services can be called in it."""
+        """Return whether services can be called in this role."""
         return any(lane.exchange for lane in self.lanes)
 
     @property
     def listens(self) -> tuple[str, ...]:
-        """Return the sequences that run whenever a lane is free."""
+        """Return the sequences that run while a lane has no exchange."""
         return tuple(lane.listen for lane in self.lanes if lane.listen is not None)
 
 

@@ -1,4 +1,4 @@
-"""A whole definition: the protocol with its application joined, and everything it imports in place."""
+"""A whole definition: the protocol joined with its application, and all imports resolved."""
 
 from __future__ import annotations
 
@@ -81,20 +81,20 @@ class Protocol:
 
     @property
     def delivers(self) -> bool:
-        """Return whether a sequence offers frames to all lanes that have not come over the line."""
+        """Return whether a sequence delivers frames to all lanes without the line."""
         sequences = dict(self.sequences)
         held: list[Step | Action] = [*parts_of(sequences, Step), *parts_of(sequences, Action)]
         return any(one.deliver is not None for one in held)
 
     @property
     def asking_role(self) -> str | None:
-        """Return the role of a client: the first that can exchange, or the only one there is."""
+        """Return the role of a client: the first with exchanges, or the only role."""
         asking = [role.name for role in self.roles.values() if role.exchanges]
         return next(iter(asking or (self.roles if len(self.roles) == 1 else ())), None)
 
     @property
     def serving_role(self) -> str | None:
-        """Return the role of a server: the other side of a client's, or the first that listens; None where no role
+        """Return the role of a server: the other side of the client's role, or the first that listens; None if no role
         does.
         """
         asking = next((role.name for role in self.roles.values() if role.exchanges), None)
@@ -113,7 +113,7 @@ class Protocol:
         return self._first_listening(role) or (role if own.listens else None)
 
     def _first_listening(self, but: str = "") -> str | None:
-        """Return the first role that listens; those that only do that go before others."""
+        """Return the first role that listens; roles without exchanges take precedence."""
         found = [one for one in self.roles.values() if one.listens and one.name != but]
         return min(found, key=lambda one: one.exchanges).name if found else None
 
@@ -135,7 +135,7 @@ class Protocol:
         return [name for name, variable in self.state.items() if variable.scope == "device" and name in names]
 
     def frames_of(self, name: str) -> tuple[str, ...]:
-        """Return the frames a row means by a frame's or a group's name; frames that exist to be refused come last."""
+        """Return the frames that the name of a frame or group in a row refers to; refused frames come last."""
         if name in self.frames:
             return (name,)
         return self.groups[name].frames

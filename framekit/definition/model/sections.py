@@ -32,7 +32,7 @@ from framekit.definition.tree import Mapping as Keys
 from framekit.definition.tree import Node, Scalar, Sequence
 
 WITHOUT_NUMBER = re.compile(r"tcp(-listen)?://(\[[^\]]+\]|[^:/\[\]]+)/?")
-"""A connection to a host, or a listener there, whose port number is not given."""
+"""URL of a connection to a host, or of a listener, without a port number."""
 ITEM_TYPES = ("time", "number", "flag", "text", "bytes")
 FLOAT_BITS = {"decimal": 0, "f32": 32, "f64": 64}
 """Types of parameters, arguments and variables whose values may have a fraction; 0 for exact ones."""
@@ -74,7 +74,7 @@ GIVEN = Form(ref("plain_value"), _given)
 
 
 def _size_in_bytes(thing: str) -> Form:
-    """Return the number of bytes of a variable or parameter; only bytes have one."""
+    """Return the reader for the size of a variable or parameter (bytes), which only the type bytes has."""
 
     def read(reading: KeyReading, node: Node) -> int:
         if (type_ := reading.found["type"]) != "bytes":
@@ -89,7 +89,7 @@ def _size_in_bytes(thing: str) -> Form:
 
 
 def _one_or_choices(reading: KeyReading, name: str) -> tuple[Scalar | None, list[Scalar]]:
-    """Return a single value, or `{default, choices}`."""
+    """Read a single value, or `{default, choices}`."""
     reader, node = reading.reader, reading.keys.get(name)
     if isinstance(node, Keys):
         choices = [reader.scalar(item) for item in reader.items(node.get("choices"))]
@@ -145,7 +145,7 @@ class Line:
         return self.kind == "serial" and self.format.strip().startswith("9")
 
     def port_of(self, url: str) -> str:
-        """Return a port as users name it: `tcp://HOST` gets the protocol's own port number."""
+        """Return a port URL completed: `tcp://HOST` gets the protocol's own port number."""
         if self.tcp is None or not WITHOUT_NUMBER.fullmatch(url):
             return url
         return f"{url.rstrip('/')}:{self.tcp}"
@@ -184,7 +184,7 @@ def _pad(reading: KeyReading, node: Node) -> int:
 
 
 def _if_type(name: str, form: Form, *types: str) -> Any:
-    """Return an attribute that a key gives only with these types; with others it has no effect."""
+    """Declare an attribute that a key gives only with these types; with others it has no effect."""
 
     def read(reading: KeyReading) -> Any:
         node = reading.keys.get(name) if reading.found["type"] in types else None
@@ -331,25 +331,24 @@ def _is_given(reading: KeyReading, node: Node) -> bool:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StateVariable:
-    """A variable of the link. `keys` makes it a table with that range of keys; `layout` gives its records their shape.
-
-    `type` is one of u8…u64, i8…i64, f32, f64, flag, text, bytes, time, list, record, frame; `size`: that many bytes, no
-    others.
-    `announced`: some frame announces it.
-    """
+    """A variable of the link."""
 
     name: str
     at: Position
     announced: bool
+    """Whether frames announce it."""
     values: Mapping[int, str] | None = key("values", VALUE_NAMES, default=None)
     type: str = keys({"type": {}, "list": {}, "record": {}, "holds": {}}, _variable_type)
+    """One of u8…u64, i8…i64, f32, f64, flag, text, bytes, time, list, record, frame."""
     layout: str | None = keys({}, _layout, default=None)
     initial: Expression | None = key("initial", Form(ref("any_value"), _initial), default=None)
     given: GivenValue | None = keys({}, _given_start, default=None)
     scope: Literal["line", "session", "device"] = key("scope", TEXT, default="line")
     keys: tuple[int, int] | None = key("table", RANGE, default=None)
+    """Range of keys, for a table; else None."""
     most: int | None = _if_type("max", NUMBER, "list")
     size: int | None = key("size", _size_in_bytes("variable"), default=None)
+    """Required number of bytes."""
     publish: bool = key("publish", FLAG, default=False)
 
     def number_of(self, value: Any) -> Any:
@@ -359,7 +358,7 @@ class StateVariable:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Queue:
-    """A queue between lanes: fields of an item (name → type) and how many fit."""
+    """A queue between lanes: fields of an item (name → type) and its capacity."""
 
     name: str
     at: Position

@@ -279,7 +279,7 @@ class Literally:
 
 
 BASES = {"dec": 10, "hex": 16, "oct": 8}
-"""How the numbers of addresses are written."""
+"""Bases of the numbers of addresses."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -300,7 +300,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Maybe:
-    """`[…]` of an address form: may be left out."""
+    """`[…]` of an address form: an optional part."""
 
     parts: tuple[Literally | Part, ...]
 
@@ -349,7 +349,7 @@ class AddressForm:
         return self.names - self.results.keys() - used - {"start"}
 
     def may_name(self, areas: Collection[str]) -> bool:
-        """Return whether it can name one of these areas; none given: of any."""
+        """Return whether it can name a place in one of these areas; without areas, True."""
         return not areas or not isinstance(self.area, str) or self.area in areas
 
     @property
@@ -375,7 +375,7 @@ def held_type(forms: Iterable[AddressForm], area: Area, unit: str) -> str | None
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limit:
-    """The most one request can carry."""
+    """Limits of one request."""
 
     count: Expression | None = key("count", COUNT, default=None)
     bytes: Expression | None = key("bytes", COUNT, default=None)
@@ -442,7 +442,7 @@ class ServeWork:
 
     @property
     def moves_data(self) -> bool:
-        """Return whether this work transfers data itself, in place of the row."""
+        """Return whether this work transfers the data itself, instead of the row."""
         return any((self.write, self.span, self.update, self.read, self.each, self.block))
 
 
@@ -480,7 +480,7 @@ def _reply(reading: KeyReading, keys_: Keys) -> ReplyRow:
 
 
 def _run(reading: KeyReading, node: Node) -> Expression:
-    """Return the sequence to run: its bare name, or an expression that gives it."""
+    """Return the sequence to run: its bare name, or an expression for it."""
     if isinstance(node, Scalar) and node.text in reading.space.section("sequences"):
         return word(node)
     return reading.reader.expression(node)
@@ -539,7 +539,7 @@ class ServiceRow:
 
     @property
     def sequences(self) -> set[str]:
-        """Return the names of sequences that `run` may come to."""
+        """Return the names of sequences that `run` may select."""
         nodes = () if self.run is None else walk(self.run.root)
         return {node.value for node in nodes if isinstance(node, Text)}
 
@@ -548,7 +548,7 @@ OFFERED = frozenset({
     "area", "unit", "code", "start", "count", "bytes", "data", "bits", "value", "values", "text", "first", "done",
     "total", "element_bytes", "own_bytes", "spans", "old", "key", "entry",
 })  # fmt: skip
-"""Names that a row of services may have of the place, the data and the parts of a transfer."""
+"""Names that a row of services may use for the place, the data and the parts of a transfer."""
 
 AS_NUMBERS = frozenset({"value", "values"})
 """Names of the elements as numbers, in rows of read and write."""
@@ -579,7 +579,7 @@ def told_by(when: Expression | None) -> dict[str, int | str] | None:
 
 @dataclass(frozen=True, slots=True)
 class NameTable:
-    """A table with names of codes, and when it counts: always without `when`."""
+    """A table of names of codes, with its condition; without `when` it always applies."""
 
     at: Position
     table: str

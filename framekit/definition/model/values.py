@@ -49,7 +49,7 @@ class ListOf:
 
 @dataclass(frozen=True, slots=True)
 class RecordOf:
-    """`{name: value, …}` where no frame and no layout is meant."""
+    """`{name: value, …}` that is neither a frame nor a layout."""
 
     fields: Mapping[str, Value]
     at: Position
@@ -57,7 +57,9 @@ class RecordOf:
 
 @dataclass(frozen=True, slots=True)
 class EachOf:
-    """`{each: {field: value}}`: one record for every variable of a list request; with `when`, for those it holds of."""
+    """`{each: {field: value}}`: one record for every variable of a list request; with `when`, for the matching
+    variables.
+    """
 
     fields: Mapping[str, Value]
     at: Position
