@@ -49,13 +49,14 @@ ROWS_AT_ONCE = 50_000
 
 CLUSTER = "dask://"
 LONGEST_CONNECT = 10.0
-"""Seconds in which a cluster has to answer."""
+"""Time limit for the answer of a cluster (s)."""
 
 
 @dataclass(frozen=True, slots=True)
 class CaptureWork:
-    """A capture to be decoded, as it is sent to another process: `protocol` by name or file, `target` its
-    Parquet file."""
+    """A capture to be decoded, in the form sent to another process: `protocol` by name or file, `target` its Parquet
+    file.
+    """
 
     protocol: str
     folder: str
@@ -247,7 +248,7 @@ class _Rows:
         return len(self._rows)
 
     def add(self, channel: int, seen: Seen) -> None:
-        """Take one thing seen."""
+        """Add an event."""
         fields = self._plain.to_plain(seen.frame, seen.fields)
         is_bad = seen.kind == "bad"
         self._rows.append(
@@ -278,7 +279,7 @@ HEAD = ("time", "point", "value", "unit", "quality", "reason")
 
 
 class CapturedValue(NamedTuple):
-    """A value that was read or written: when it came (ns since 1970), and its point, `STATION/ADDRESS` or `ADDRESS`."""
+    """A value that was read or written: its time (ns since 1970), and its point, `STATION/ADDRESS` or `ADDRESS`."""
 
     time: int
     point: str

@@ -190,7 +190,7 @@ class AsyncClient:
 
     @property
     def protocol(self) -> Protocol:
-        """Return the definition that is spoken."""
+        """Return the definition of the protocol."""
         return self.settings.protocol
 
     def _on_state(self, is_open: bool, reason: str) -> None:
@@ -205,7 +205,7 @@ class AsyncClient:
                 opening.set_exception(LineClosedError(reason, "closed", reason))
 
     def _working(self) -> ClientService:
-        """Return the service, which is open."""
+        """Return the open service. Raises LineClosedError."""
         service = self._service
         if service is None or not service.driver.is_open:
             raise LineClosedError(f"{self.settings.port} is not open: {self._why}", "closed", self._why)
@@ -265,7 +265,9 @@ class AsyncClient:
     def _how(
         self, address: str, type: str | None, order: Order | None, count: int, station: Any
     ) -> tuple[Typed, Any, Begin]:
-        """Return the form of the values, the station and the start of a read, the same for reads that are repeated."""
+        """Return the conversion of the values, the station, and a function that begins the read, for repeated reads
+        too.
+        """
         key = (address, type, order, count, station, station.__class__)
         try:
             known = self._known_reads.get(key)
@@ -355,7 +357,7 @@ class AsyncClient:
         self, values: Mapping[str, int | float], *, station: Any = None, type: str | None = None,
         order: Order | None = None, params: Mapping[str, Any] | None = None,
     ) -> None:  # fmt: skip
-        """Write one value to each address; in one request where the protocol has lists. Else as `write`."""
+        """Write one value to each address; in one request if the protocol has lists. Other arguments as for `write`."""
         service = self._working()
         to = self.settings.station_for(station)
         if type == "string":
@@ -580,16 +582,16 @@ class Poll:
 
     @property
     def reads(self) -> int:
-        """Return how many have ended well."""
+        """Return the number of successful reads."""
         return self._reads
 
     @property
     def is_running(self) -> bool:
-        """Return whether more will be read."""
+        """Return whether polling continues."""
         return self._polling.is_running
 
     def stop(self) -> None:
-        """End it: the callbacks are not called any more."""
+        """Stop polling: no further callback is called."""
         self._polling.stop()
         if not self._ended.done():
             self._ended.set_result(None)
@@ -661,7 +663,7 @@ def _settle(future: asyncio.Future[TransferResult], result: TransferResult) -> N
 
 
 def frame_of(value: FrameValue) -> Frame:
-    """Return a frame of the engine as users get it."""
+    """Return a frame of the engine in the form of the API."""
     fields = {name: plain(item) for name, item in value.complete().items()}
     return Frame(value.frame, fields, value.raw or b"", value.refusal)
 
@@ -717,7 +719,7 @@ class Client(Closing):
 
     @property
     def protocol(self) -> Protocol:
-        """Return the definition that is spoken."""
+        """Return the definition of the protocol."""
         return self.client.protocol
 
     def place(self, address: str) -> Address:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 _MOST_NAMES = 8
-"""Frames that are listed where none has the name that was given."""
+"""Largest number of frames listed in the message about an unknown name."""
 
 
 class Protocol:
@@ -48,7 +48,7 @@ class Protocol:
 
     @property
     def definition(self) -> model.Protocol:
-        """Return the whole model."""
+        """Return the whole model of the definition."""
         return self._definition
 
     @property
@@ -62,7 +62,7 @@ class Protocol:
         return tuple(self.definition.services)
 
     def encode(self, frame: str, /, **fields: Any) -> bytes:
-        """Return the bytes of a frame. Raises EncodeError (a ValueError) for fields it cannot carry, RequestError."""
+        """Return the bytes of a frame. Raises EncodeError (a ValueError) for impossible fields, RequestError."""
         self._known(frame, self.definition.frames)
         return self._codec.encode(frame, fields, self._scope)
 

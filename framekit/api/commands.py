@@ -38,15 +38,12 @@ from framekit.transport.clock import AsyncioClock
 
 
 def application_of(protocol: Protocol, name: str | None, asked: str) -> Protocol:
-    """Return the application of commands: the one named, else the protocol's own, which was `asked` for.
-
-    DefinitionError.
-    """
+    """Return an application of commands: the named one, else that of the protocol `asked`. Raises DefinitionError."""
     return commands_for(protocol, name, Path.cwd(), Position(asked, 0, 0))
 
 
 def has_jobs(application: Protocol) -> bool:
-    """Return whether its commands are about jobs, which repeat by themselves."""
+    """Return whether its commands control jobs, which repeat by themselves."""
     return any(parts_of(dict(application.services), JobWork))
 
 
@@ -87,7 +84,7 @@ class CommandMemory:
         self.grammar = blocks.server.shared.grammar
 
     def put(self, address: str, values: str) -> None:
-        """Put values with commas between them at an address. Raises RequestError."""
+        """Write values separated by commas from an address on. Raises RequestError."""
         try:
             place = self.grammar.parse(address)
             numbers = [parse_number(value) for value in values.split(",")]
@@ -96,7 +93,7 @@ class CommandMemory:
             raise RequestError(str(error)) from None
 
     def content(self) -> dict[str, bytes]:
-        """Return the memory as it is now."""
+        """Return a copy of the memory."""
         return self.memory.snapshot()
 
     def meaning(self, data: bytes) -> tuple[Meaning, Span]:
@@ -108,7 +105,7 @@ class CommandMemory:
             raise CommandFaultError(str(error)) from None
 
     def changes(self, before: Mapping[str, bytes], status: Span | None = None) -> dict[str, list[int]]:
-        """Return the elements that are others now: the address of the first of each run, with the values from there on.
+        """Return the changed elements: the address of the first of each run, with the values from there on.
 
         The status word is a run by itself.
         """
@@ -143,7 +140,7 @@ class CommandMemory:
 
 
 def record_of(words: CommandWords, plain: Sequence[str], fields: dict[str, object]) -> bytes:
-    """Return the command block that is meant: all its words, those from the command on, or a command with named fields.
+    """Return the command block from words: all its words, those from the command on, or a command with named fields.
 
     Fields of the head may be given in addition. Raises ValueError.
     """
@@ -173,7 +170,7 @@ def _named(words: CommandWords, name: str, fields: dict[str, object], head: dict
 
 
 def _numbered(words: CommandWords, texts: Sequence[str], head: dict[str, object]) -> bytes:
-    """Return a whole block, or the words of one from the command on. Raises ValueError."""
+    """Return a whole block, or the words of a block from the command on. Raises ValueError."""
     data = bytes_of([parse_number(text) for text in texts])
     try:
         block = words.read(data)

@@ -93,7 +93,7 @@ MOST_SHOWN = 24
 
 
 def _behind(one: Sequence[HeardBytes], two: Sequence[HeardBytes]) -> list[HeardBytes]:
-    """Return the second recording, as if it had been made after the first."""
+    """Return the second recording, with times as if it followed the first."""
     last = max((chunk.time for chunk in one if chunk.time is not None), default=0)
     first = min((chunk.time for chunk in two if chunk.time is not None), default=0)
     later = last - first + LONG_AFTER
@@ -146,7 +146,7 @@ def _asked_places(kind: FrameKind, texts: Sequence[bytes]) -> frozenset[int]:
 
 
 def _guessed_values(kind: FrameKind, text: bytes) -> Iterator[tuple[tuple[int, str], Any]]:
-    """Yield the values of a frame, by place and name; data of varying size byte by byte."""
+    """Yield the values of a frame, by offset and name; data of varying size byte by byte."""
     end = len(text) + min((field.offset for field in kind.fields if field.offset < 0), default=0)
     for field in kind.fields:
         if field.kind in ("counter", "check", "length", "count") or field.offset < 0:
@@ -190,7 +190,7 @@ def _of_one(name: str, one: Sequence[SeenFrame], two: Sequence[SeenFrame]) -> Di
 
 
 def _of_values(name: str, one: Sequence[SeenFrame], two: Sequence[SeenFrame]) -> Iterator[Difference]:
-    """Yield the fields that differ, in frames of the size that most have."""
+    """Yield the fields that differ, in frames of the most frequent size."""
     sizes = Counter(frame.size for frame in (*one, *two))
     both = {frame.size for frame in one} & {frame.size for frame in two}
     size = max(both or sizes, key=lambda size: (sizes[size], size))
@@ -206,10 +206,10 @@ def _of_values(name: str, one: Sequence[SeenFrame], two: Sequence[SeenFrame]) ->
 
 
 def _differ(one: Sequence[Any], two: Sequence[Any]) -> bool:
-    """Return whether they have no value in common and do not lie among each other, or nearly all are greater than the
-    others.
+    """Return whether two sets of values differ: no common value and separate ranges, or nearly all values of one set
+    greater.
 
-    Numbers that go up by the same each time differ always.
+    Numbers with a constant step always differ.
     """
     first, second = (list(map(_number, part)) for part in (one, two))
     if _is_counter(first) or _is_counter(second):
@@ -236,7 +236,7 @@ def _number(value: Any) -> Any:
 
 
 def _only_rises(values: Sequence[Any]) -> bool:
-    """Return whether they never go down: a sum, or a time, goes on from one recording to the next."""
+    """Return whether numbers never decrease, as a sum or a time that continues from one recording to the next."""
     return len({*values}) > 1 and all(one <= two for one, two in pairwise(values))
 
 
@@ -293,7 +293,7 @@ def _with_asked(protocol: Protocol, frames: Sequence[SeenFrame], telling: set[tu
 
 
 def _read(protocol: Protocol, chunks: Sequence[HeardBytes]) -> list[SeenFrame]:
-    """Return the frames in their order, with the values of their fields, as far as one frame has those by itself."""
+    """Return the frames in order, with the values of their own fields."""
     codec, plain, counting = compile_protocol(protocol), PlainValues(protocol), _counting(protocol)
     known: dict[tuple[str, str], int] = {}
     found = []
@@ -317,7 +317,7 @@ def _read(protocol: Protocol, chunks: Sequence[HeardBytes]) -> list[SeenFrame]:
 
 
 def _paths(shown: Any, fields: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield every single value as people write it, with its path; items, and bytes, by their numbers."""
+    """Yield every single value in the form of users' input, with its path; items, and bytes, by their numbers."""
     if isinstance(fields, Mapping) and isinstance(shown, Mapping):
         for key, value in fields.items():
             yield from _paths(shown.get(key), value, f"{path}.{key}" if path else str(key))
@@ -345,7 +345,7 @@ def _offset(path: str, places: Mapping[str, int]) -> int:
 
 
 def _is_counter(values: Sequence[Any]) -> bool:
-    """Return whether they are numbers that go up by the same each time."""
+    """Return whether the values are numbers with a constant step."""
     if len(values) <= LEAST_FRAMES or not all(type(value) is int for value in values):
         return False
     steps = {after - before for before, after in pairwise(values)}

@@ -41,9 +41,9 @@ _FILLS: dict[Shade, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """One segment: its name, the line below the name (type or bytes), its size in words, and its shade.
+    """A segment in the picture: its name, the line below the name (type or bytes), its size in words, and its shade.
 
-    `bytes_`: its size if it is constant. `optional`: it may be absent.
+    `bytes_`: its size if constant. `optional`: whether it may be absent.
     """
 
     name: str
@@ -104,7 +104,7 @@ def _svg_text(text: str) -> str:
 
 
 DEEPEST = 8
-"""Lists inside each other that are shown."""
+"""Largest depth of nested lists that is shown."""
 _SENDERS = {"client": "from the client", "server": "from the device", "both": "from both sides", "none": "from no side"}
 
 
@@ -131,7 +131,7 @@ class Picture(NamedTuple):
 
 
 class Listing(NamedTuple):
-    """Text as it is: bytes, or a diagram in Mermaid."""
+    """Literal text: bytes, or a diagram in Mermaid."""
 
     language: str
     text: str
@@ -230,7 +230,7 @@ class _Writer:
             yield Box(_name(segment), below, _number(sizes), exact, _shade(segment), optional)
 
     def _lines(self, segments: Segments, at: Sizes, depth: int) -> Iterator[FieldLine]:
-        """Yield the lines of a list that begins at `at`."""
+        """Yield the lines of a list, from offset `at` on."""
         for segment in segments:
             sizes = segment.sizes(self.sizes.frame)
             if segment.when is not None:
@@ -369,7 +369,7 @@ def _as_markdown(block: Block, pictures: str, files: dict[str, str]) -> str:
 _ENTITIES = {sign: f"&{name};" for sign, name in (("&", "amp"), ("<", "lt"), (">", "gt"))} | {
     sign: f"&#{ord(sign)};" for sign in "|~$"
 }
-"""Signs that a `\\` before them does not make plain in every Markdown."""
+r"""Characters that `\` does not make literal in every Markdown."""
 
 
 def _plain(text: str) -> str:

@@ -1,7 +1,6 @@
 """Definitions of guessed frames, with vectors: checked before they are written, and written whole.
 
-A new name of a field makes the definition anew. A name that would make it wrong is refused, and the files stay as they
-were.
+A new name of a field makes a new definition. A name that would make it wrong is refused, and the files stay unchanged.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ from framekit.guess.writing import definition_text
 
 MOST_VECTORS = 3
 MOST_READ = 500
-"""Frames of a kind that become vectors, and that the definition has to read."""
+"""Number of frames of a kind that become vectors, and that the definition must read."""
 
 
 class DraftError(ValueError):
@@ -123,7 +122,7 @@ def _not_read(kind: FrameKind, codec: Codec) -> Iterator[str]:
 
 
 def _vectors_of(kind: FrameKind, codec: Codec, source: str) -> Iterator[str]:
-    """Yield the first different frames of a kind, as far as their values can be written."""
+    """Yield the first different frames of a kind whose values can be written."""
     count = 0
     for data in dict.fromkeys(one.data for one in kind.frames):
         try:
@@ -155,7 +154,10 @@ def _values(fields: Mapping[str, Any]) -> str:
 
 
 class NamedGuess:
-    """`guess` and `draft` are as they are with all names; `path` is the definition's file, None if it has none."""
+    """A guess with names.
+
+    `guess` and `draft` include all names; `path` is the definition's file, None if it has none.
+    """
 
     def __init__(self, base: Guess, name: str, source: str, path: Path | None = None) -> None:
         """Begin with a file that has been written from this guess. Raises DraftError."""

@@ -17,7 +17,7 @@ REFUSED = "refused"
 
 
 class FramekitError(Exception):
-    """Anything the API raises of its own. A wrong file raises `DefinitionError`, which is a ValueError."""
+    """Base class of all errors of the API. A wrong file raises `DefinitionError`, which is a ValueError."""
 
 
 class RequestError(FramekitError, ValueError):

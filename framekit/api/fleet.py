@@ -31,19 +31,19 @@ if TYPE_CHECKING:
     from paho.mqtt.client import Client
 
 LARGEST_FILE = 1 << 20
-"""Bytes of a run file that is rolled out."""
+"""Largest size of a run file that is rolled out (bytes)."""
 LARGEST_MESSAGE = 3 * LARGEST_FILE
-"""Bytes of a message: JSON writes some characters as several."""
+"""Largest size of a message (bytes): JSON writes some characters as several."""
 ONLINE, BIRTH, HEALTH, ROLL, ROLLED = "online", "birth", "health", "roll", "rolled"
 YES, NO = b"1", b"0"
 SIGN_OF_LIFE = 30
 """Period (s) in which a gateway publishes its health even if it is unchanged."""
 STALE_AFTER = 100
-"""A gateway whose last sign of life is older than this (s) is not taken to be there."""
+"""Age of the last sign of life (s) from which a gateway counts as missing."""
 
 
 def topic(group: str, name: str, what: str) -> str:
-    """Return the topic of a gateway for one of these things."""
+    """Return a topic of a gateway."""
     return f"{group}/{name}/{what}"
 
 
@@ -74,7 +74,7 @@ def from_message(payload: bytes) -> dict[str, Any]:
 
 @dataclass(slots=True)
 class Member:
-    """A gateway as its messages show it. `birth` and `health` are the last messages, also when it is down."""
+    """A gateway as its messages show it. `birth` and `health` are the last messages, also when it is offline."""
 
     name: str
     online: bool = False
@@ -82,14 +82,14 @@ class Member:
     health: dict[str, Any] = field(default_factory=dict)
 
     def said(self, key: str) -> str:
-        """Return a text of its birth; '' if there is none."""
+        """Return a text from its birth; '' if it is missing."""
         found = self.birth.get(key)
         return found if isinstance(found, str) else ""
 
     @property
     def is_silent(self) -> bool:
-        """Return whether it counts as online without a sign of life for `STALE_AFTER` seconds, by the clocks of
-        both.
+        """Return whether it counts as online without a sign of life for `STALE_AFTER` seconds, by the clocks of both
+        sides.
         """
         said = self.health.get("at")
         try:
@@ -100,7 +100,7 @@ class Member:
 
     @property
     def takes_files(self) -> bool:
-        """Return whether run files may be rolled out to it."""
+        """Return whether it accepts run files."""
         return bool(self.said("number"))
 
     @property
@@ -193,7 +193,7 @@ class Fleet:
         return client
 
     def close(self) -> None:
-        """Receive no more."""
+        """Disconnect from the broker."""
         self._client.disconnect()
         self._client.loop_stop()
 
@@ -263,7 +263,7 @@ class Fleet:
             self._changed(member.name)
 
     def _heard(self, client: Client, data: Any, message: Any) -> None:
-        """Take a message. The echo of the own message comes after all retained ones."""
+        """Handle a message. The echo of the own message arrives after all retained ones."""
         if message.topic == self._own:
             with self._state:
                 self._echoed = True

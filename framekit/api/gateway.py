@@ -57,16 +57,16 @@ HEALTH_EVERY = 2_000_000_000
 """Period of the health check (ns); changes are published."""
 SHORTEST_TOKEN = 12
 LONGEST_HOLD = 30
-"""Seconds for which a rolled file waits until no exchange is under way."""
+"""Longest time (s) for which a rolled file waits for the end of an exchange."""
 LONGEST_WAIT = 60
-"""Seconds until a lost broker is tried again, at most."""
+"""Longest pause before a lost broker is tried again (s)."""
 
 
 class Gateway:
     """The membership of one run file in its fleet, over all runs of the file; `with` publishes its end.
 
     `content` is the text that `model` was loaded from. Use it in a running loop. `over` is set when the current run
-    shall end because `next_run` shall begin. Raises RequestError without the library, and for a token that cannot be
+    must end because `next_run` must begin. Raises RequestError without the library, and for a token that cannot be
     read.
     """
 
@@ -360,7 +360,9 @@ class Gateway:
         self._in_loop(self._bear)
 
     def _message(self, client: Client, data: Any, message: Any) -> None:
-        """Take a message to a topic of this gateway: a rolled file, or the health of a namesake."""
+        """Handle a message to a topic of this gateway: a rolled file, or the health of another gateway with the same
+        name.
+        """
         if message.retain:
             return
         what = message.topic.rpartition("/")[2]

@@ -33,7 +33,7 @@ from framekit.link.listener import Listener
 from framekit.service.capture import CaptureError, CaptureReader
 
 LARGEST = 16 << 20
-"""Bytes of one file that are read."""
+"""Number of bytes of one file that are read."""
 NEARLY_ALL = 0.9
 LEAST_FRAMES = 3
 
@@ -49,14 +49,14 @@ _WAYS: dict[str, Direction] = {
 
 
 class HeardError(ValueError):
-    """A file in which there are no bytes of a line, or that cannot be read."""
+    """Raised for a file without bytes of a line, or an unreadable file."""
 
 
 def heard(path: Path) -> list[HeardBytes]:
-    """Return the bytes of a file, in their order. Raises HeardError.
+    """Return the bytes of a file, in order. Raises HeardError.
 
     Captures of framekit (pcap and JSON lines), pcap files of TCP and UDP (needs dpkt), else hex text: a line for the
-    bytes that came together, before them a time in seconds if it is known, and `>` or `<` for the way they went.
+    bytes that arrived together, preceded by a time in seconds, if known, and by `>` or `<` for the direction.
     """
     try:
         with path.open("rb") as file:
@@ -159,7 +159,7 @@ class HeardPoint(NamedTuple):
 
     @property
     def told(self) -> str:
-        """Return the values in words: the only one, or how many, from the least to the greatest."""
+        """Return the values as text: the only value, or the number and range of the values."""
         numbers = sorted(one for one in self.values if isinstance(one, (int, float)))
         if len(self.values) == 1 or len(numbers) < len(self.values):
             return str(self.values[-1])

@@ -31,19 +31,19 @@ from framekit.guess.texts import shown_text
 from framekit.link.events import Seen
 
 NOISE = -1
-"""The kind of a row that is no frame."""
+"""Index of the kind of rows that are no frame."""
 MOST_LOOKED = 10_000
 """Largest number of frames of a kind that are examined for the values of some bytes."""
 LEAST_USUAL, MOST_USUAL = 1e-4, 1e7
 """Range of floating-point numbers that are plausible."""
 LARGEST_SHOWN = 10**12
-"""Larger numbers are shown by their first digits."""
+"""Limit from which numbers are shown by their first digits."""
 MOST_SPANS = 500
-"""Fields of a frame that are shown."""
+"""Largest number of fields of a frame that are shown."""
 MOST_KEPT = 8
 MOST_VALUES = 512
 MOST_SPANNED = 1024
-"""Ways to cut rows into lines, values of places, and rows with their fields that are kept."""
+"""Sizes of caches: ways to cut rows into lines, values of places, and rows with their fields."""
 
 
 class HexRow(NamedTuple):
@@ -134,13 +134,13 @@ class HexTable:
         self._spans = lru_cache(MOST_SPANNED)(lambda number: tuple(spans_of(self.rows[number])[:MOST_SPANS]))
 
     def spans(self, number: int) -> tuple[HexSpan, ...]:
-        """Return the fields of a row, in order, none of which overlap."""
+        """Return the fields of a row, in order, without overlaps."""
         return self._spans(number)
 
     # ---- lines --------------------------------------------------------------------------------------------
 
     def count(self, kind: int | None, width: int) -> int:
-        """Return how many lines there are, of all rows or of one kind."""
+        """Return the number of lines, of all rows or of one kind."""
         starts = self._starts(kind, width)
         return starts[-1]
 
@@ -166,7 +166,7 @@ class HexTable:
     # ---- values -------------------------------------------------------------------------------------------
 
     def values(self, number: int, offset: int, size: int) -> PlaceValues:
-        """Return the values at this place of the frames that are of the kind of a row; not of too many."""
+        """Return the values at a place in the frames of a row's kind, up to `MOST_LOOKED` frames."""
         kind = self.rows[number].kind
         return self._values(kind, number if kind == NOISE else -1, offset, size)
 
@@ -197,8 +197,8 @@ class HexTable:
     def course(
         self, number: int, offset: int, size: int, type_: str, order: str, most: int
     ) -> list[tuple[float, float]]:
-        """Return the numbers that these bytes had, with their times (s), or with the numbers of their rows without
-        times.
+        """Return the numbers at a place, with their times (s), or with the numbers of their rows if no times are
+        known.
         """
         own = self._alike(self.rows[number].kind, number)
         found = []
@@ -239,8 +239,10 @@ def shown_number(number: int | float | None) -> str:
 
 
 class FramePlace(NamedTuple):
-    """A frame as it stood on the line. `kind`: the index of its kind, or NOISE with the `fault` that it has; without
-    bytes, why the next bytes are no frame."""
+    """A frame as on the line.
+
+    `kind`: the index of its kind, or NOISE with its `fault`; without bytes, the reason why the next bytes are no frame.
+    """
 
     data: bytes
     direction: Direction
@@ -249,7 +251,7 @@ class FramePlace(NamedTuple):
 
 
 def guessed_table(found: Guess) -> HexTable:
-    """Return the rows of a guess, with the fields that it has now: a name given later needs a new table."""
+    """Return the rows of a guess, with its present fields: a name given later requires a new table."""
     framing = found.framing
     if framing is None:
         return HexTable([], [], lambda row: [])
@@ -348,7 +350,7 @@ def _between(stream: PieceStream, begin: int, end: int, fault: str) -> Iterator[
 
 
 def definition_table(name: str | Path, chunks: Sequence[HeardBytes]) -> HexTable:
-    """Return the rows of a recording as a definition reads it; its fields are found when they are asked for.
+    """Return the rows of a recording as read by a definition; the fields of a row are found on request.
 
     Raises DefinitionError.
     """
@@ -371,7 +373,7 @@ def definition_table(name: str | Path, chunks: Sequence[HeardBytes]) -> HexTable
 
 
 def _inner_names(protocol: Protocol, name: str, fields: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the frame, and those that it has inside."""
+    """Return the names of a frame and of its inner frames."""
     for value in fields.values():
         if isinstance(value, Mapping) and len(value) == 1:
             ((inner, inside),) = value.items()
@@ -383,7 +385,7 @@ def _inner_names(protocol: Protocol, name: str, fields: Mapping[str, Any]) -> tu
 def _read_spans(
     protocol: Protocol, codec: Codec, kinds: Sequence[HexKind], shades: Mapping[str, str], row: HexRow
 ) -> list[HexSpan]:
-    """Return the fields of a frame of a definition: of those that lie in others the inner ones."""
+    """Return the fields of a frame of a definition: of nested fields the inner ones."""
     if row.kind == NOISE:
         return []
     rows = field_rows(codec, protocol, Seen(row.direction, "frame", 0, row.data, kinds[row.kind].frame))

@@ -18,7 +18,7 @@ from framekit.definition.imported import ImportedDefinition
 from framekit.definition.problems import DefinitionError, Position, Problem
 
 MOST_BYTES = 1_000_000
-"""A longer file is refused."""
+"""Largest size of a file (bytes)."""
 
 
 class ImportFormat(NamedTuple):
@@ -33,13 +33,13 @@ FORMATS: dict[str, ImportFormat] = {
     ".ksy": ImportFormat("a description of Kaitai Struct", "utf-8", import_kaitai),
     ".proto": ImportFormat("a protocol file of EPICS StreamDevice", "latin-1", from_streamdevice),
 }
-"""The formats by the ending of a file, in small letters."""
+"""Formats by the suffix of a file, in lower case."""
 
 
 def import_definition(path: Path, name: str) -> ImportedDefinition:
-    """Return the definition `name`, made of a file.
+    """Return the definition `name`, made from a file.
 
-    Raises OSError, RequestError for an unknown ending, DefinitionError.
+    Raises OSError, RequestError for an unknown suffix, DefinitionError.
     """
     chosen = FORMATS.get(path.suffix.lower())
     if chosen is None:

@@ -38,7 +38,9 @@ chance.
 
 @dataclass(frozen=True, slots=True)
 class KnownProtocol:
-    """A definition that reads a line: frames that are good, bytes in them, of how many; and how many files it is of."""
+    """A definition that reads a line: its good frames, their bytes, all bytes, and the number of files of the
+    definition.
+    """
 
     name: str
     frames: int
@@ -89,7 +91,7 @@ def _may_be(starts: Sequence[str], chunks: Sequence[HeardBytes]) -> bool:
 
 
 def _explained(protocol: Protocol, chunks: Sequence[HeardBytes], client: Literal["in", "out"]) -> KnownProtocol:
-    """Return how much of a line a definition reads."""
+    """Read a line with a definition and return the result."""
     good: list[bytes] = []
 
     def monitor(seen: Seen) -> None:

@@ -32,7 +32,7 @@ from framekit.transport.schemes import open_port, scheme_of
 SPEEDS = "9600,19200,115200,38400,57600,4800,2400,1200"
 FORMATS = "8N1,8E1,8O1,7E1,7O1,7N1"
 EACH = 2_000_000_000
-"""How long each speed and format is listened to (ns)."""
+"""Duration of the trial of each speed and format (ns)."""
 AGAIN = 4
 """Number of best results that are tried again, `LONGER` times as long, if the first round gave no certain result."""
 LONGER = 4
@@ -143,7 +143,7 @@ class HeardAt:
 
     @property
     def bits(self) -> float:
-        """Return the evidence for this speed and format (bits); below 0 it speaks against."""
+        """Return the evidence for this speed and format (bits); below 0 it is counter-evidence."""
         share, found = self.damaged_share, self._text_bits - self._parity_bits - self.same_bits
         if self.sees_damage:
             found += len(self.contexts) * ((1 - share) * CLEAN_BITS + share * DAMAGED_BITS)
@@ -187,7 +187,7 @@ class Verdict:
 
     @property
     def line(self) -> LineFormat | None:
-        """Return the speed and format to go on with; None where there is none."""
+        """Return the speed and format to use; None if unknown."""
         return self.ranking[0].line if self.certainty in ("sure", "likely", "unsure") else None
 
 
@@ -252,7 +252,7 @@ def is_for_pairs(one: HeardAt) -> bool:
 
 
 def shown_share(one: HeardAt) -> str:
-    """Return how many of the characters are damaged."""
+    """Return the share of damaged characters as text."""
     return f"{100 * one.damaged_share:.1f} %" if one.sees_damage else "unknown"
 
 
@@ -316,7 +316,7 @@ class LineTrial(PortEvents):
         return [one for one in judge(self.heard, self.doubles).ranking if one.characters and one.bits > -SURE]
 
     def _best_again(self) -> list[HeardAt]:
-        """Return those between which it is not clear yet."""
+        """Return the best results that are still undecided."""
         found = [one for one in self._ranked() if one.sees_damage][:AGAIN]
         if len(found) > 1 and found[0].bits - found[1].bits >= SURE and found[0].bits >= SURE:
             return []

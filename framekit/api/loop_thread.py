@@ -126,7 +126,7 @@ class LoopThread:
 
 
 def _copy(task: asyncio.Task[T], done: Future[T]) -> None:
-    """Hand the end of a task over to another thread."""
+    """Pass the result of a task to another thread."""
     if task.cancelled():
         done.cancel()
         done.set_running_or_notify_cancel()
@@ -137,14 +137,14 @@ def _copy(task: asyncio.Task[T], done: Future[T]) -> None:
 
 
 class Stopping:
-    """Something that `with` starts and stops."""
+    """Base class of objects that `with` starts and stops."""
 
     def start(self) -> None:
         """Start the work."""
         raise NotImplementedError
 
     def stop(self) -> None:
-        """End it."""
+        """Stop the work."""
         raise NotImplementedError
 
     def __enter__(self) -> Self:
@@ -156,7 +156,7 @@ class Stopping:
 
 
 class Closing:
-    """Something that `with` closes."""
+    """Base class of objects that `with` closes."""
 
     def close(self) -> None:
         """Close the object. A second call has no effect."""

@@ -18,14 +18,16 @@ from framekit.memory.memory import ALL_BITS, Area, DeviceMemory, DeviceMemoryErr
 from framekit.memory.views import Order
 
 Do = Callable[[Callable[[], Any]], Any]
-"""Carries a function out where the memory is at home, and gives its result."""
+"""Function that executes a call in the memory's thread, and returns its result."""
 
 Soon = Callable[[Callable[[], None]], object]
 """Function that executes a call in the memory's thread, after the present event."""
 
 
 class Memory:
-    """`memory["M100"]` is one value of the address's own unit; `read` and `write` take counts and types."""
+    """Memory by address: `memory["M100"]` is one value of the address's own unit; `read` and `write` take counts and
+    types.
+    """
 
     def __init__(
         self, memory: DeviceMemory, grammar: AddressGrammar, do: Do, soon: Soon, refresh: Callable[[], None]
@@ -63,9 +65,9 @@ class Memory:
         self, address: str, values: Value | Sequence[Value], *, type: str | None = None, order: Order | None = None,
         count: int | None = None,
     ) -> None:  # fmt: skip
-        """Write values from an address on, also into areas that are read-only for others. Raises RequestError.
+        """Write values from an address on, also to areas that are read-only for clients. Raises RequestError.
 
-        A string is filled up with 00 to `count` characters.
+        A string is padded with 00 to `count` characters.
         """
         given = values_given(values)
         several = len(given[0]) if type == "string" and given and isinstance(given[0], str) else len(given)
@@ -109,7 +111,7 @@ class Memory:
         self.write(address, value)
 
     def _place(self, how: Typed, address: str) -> tuple[int, int, str]:
-        """Return the first bit, how many bits, and the unit in which they are carried. Raises RequestError."""
+        """Return the first bit, the number of bits, and the unit of the elements. Raises RequestError."""
         if how.units < 1:
             raise RequestError("there is nothing to read or write: the count is 0")
         place = self._grammar.parse(address)

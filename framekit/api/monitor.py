@@ -58,7 +58,7 @@ def result_of(protocol: Protocol, seen: Seen, role: str | None = None) -> str:
 
 @dataclass(frozen=True, slots=True)
 class FrameFilter:
-    """Which entries are wanted; empty wants all. `text` is searched in names, reasons, hex pairs and ASCII."""
+    """Selection of entries; empty selects all. `text` is searched in names, reasons, hex pairs and ASCII."""
 
     channel: int | None = None
     frame: str = ""
@@ -66,7 +66,7 @@ class FrameFilter:
     text: str = ""
 
     def takes(self, channel: int, seen: Seen) -> bool:
-        """Return whether it is wanted."""
+        """Return whether an event is selected."""
         if self.channel is not None and channel != self.channel:
             return False
         if self.bad_only and seen.kind not in FAULTY:
@@ -103,7 +103,7 @@ class FrameLog:
         self.counts: Counter[str] = Counter()
         self.dropped = 0
         self.last_number = 0
-        """The number of the newest entry; 0 when there is none."""
+        """Number of the newest entry; 0 without entries."""
         self._channels: dict[int, tuple[Protocol, str | None, Mapping[str, Any]]] = {}
         for channel, protocol in (protocols or {}).items():
             self.know(channel, protocol, None, {})
@@ -137,21 +137,21 @@ class FrameLog:
         return found[::-1]
 
     def latest(self, wanted: FrameFilter, number: int, most: int) -> Iterator[FrameEntry]:
-        """Return the entries up to a number that a filter wants, newer first; it is asked of `most` of them."""
+        """Return the entries up to a number that a filter selects, newer first; at most `most` entries are examined."""
         up_to = (entry for entry in reversed(self._entries) if entry.number <= number)
         return (entry for entry in islice(up_to, most) if wanted.takes(entry.channel, entry.seen))
 
     def chosen(self, wanted: FrameFilter) -> Iterator[FrameEntry]:
-        """Return the entries a filter wants, older first."""
+        """Return the entries that a filter selects, older first."""
         return (entry for entry in self._entries if wanted.takes(entry.channel, entry.seen))
 
     def entry(self, number: int) -> FrameEntry | None:
-        """Return an entry by its number, if it is still kept."""
+        """Return an entry by its number; None if it is no longer kept."""
         first = self.last_number - len(self._entries) + 1
         return self._entries[number - first] if first <= number <= self.last_number else None
 
     def fields(self, entry: FrameEntry) -> list[FieldRow]:
-        """Return the fields of a frame with their places; of a bad one as far as it can be read."""
+        """Return the fields of a frame with their offsets; of a bad frame the readable fields."""
         protocol, _, params = self._channels[entry.channel]
         if entry.seen.frame not in protocol.frames:
             return []
@@ -159,7 +159,7 @@ class FrameLog:
 
 
 def field_rows(codec: Codec, protocol: Protocol, seen: Seen, params: Mapping[str, Any] | None = None) -> list[FieldRow]:
-    """Return the fields of a frame that was seen, in the order of its bytes."""
+    """Return the fields of an entry's frame, in the order of its bytes."""
     plain = PlainValues(protocol)
     try:
         _, spans, _ = codec.trace(seen.frame, seen.raw, Scope(protocol, params=params))
@@ -173,7 +173,7 @@ def field_rows(codec: Codec, protocol: Protocol, seen: Seen, params: Mapping[str
 
 
 class _Listening:
-    """A listener as drivers know engines: it never has a command."""
+    """A listener with the interface of an engine for drivers; it never has a command."""
 
     def __init__(self, listener: Listener, monitor: Monitor) -> None:
         self.listener = listener
@@ -255,7 +255,7 @@ class LineMonitor:
         params: Mapping[str, Any] | None = None, capture: Path | None = None,
         on_state: Callable[[str], None] | None = None,
     ) -> LineMonitor:  # fmt: skip
-        """Return a monitor of a port, in the running loop, with all it hears in the file `capture`.
+        """Return a monitor of a port, in the running loop, with a capture of its traffic in the file `capture`.
 
         Raises RequestError; OSError for a capture that cannot be written.
         """
@@ -364,7 +364,7 @@ class Replay(PortEvents):
 
     @property
     def pieces(self) -> int:
-        """Return how many there are."""
+        """Return the number of pieces."""
         return len(self._events)
 
     def start(self) -> None:
@@ -423,7 +423,7 @@ class Replay(PortEvents):
 
 
 PATIENCE = 500_000_000
-"""How much longer than the bytes take the last of them may need (ns)."""
+"""Allowed delay of the last byte beyond the duration of all bytes (ns)."""
 SLOW = 1.25
 """Factor by which a line may exceed the computed time before it counts as running at another speed."""
 
@@ -448,13 +448,13 @@ class LoopbackResult:
 
 
 def pattern_of(line: LineFormat) -> bytes:
-    """Return every character the format has, then alternating ones and zeros."""
+    """Return every character of the format, then alternating ones and zeros."""
     most = 1 << line.data_bits
     return bytes(range(most)) + bytes((0x55 & most - 1, 0xAA & most - 1)) * 8
 
 
 class Loopback:
-    """Tests `lines` in order; `on_end` gets all results. Each one opens and closes a port of its own."""
+    """Tests `lines` in order; `on_end` gets all results. Each test opens and closes a port of its own."""
 
     def __init__(
         self,
@@ -470,7 +470,7 @@ class Loopback:
         self._on_end = on_end
 
     def start(self) -> None:
-        """Begin with the first. Raises ValueError for a port of no known kind."""
+        """Begin with the first line. Raises ValueError for a port of no known kind."""
         self._next()
 
     def _next(self) -> None:
@@ -571,7 +571,7 @@ class _Trial(PortEvents):
 # ---- on ports ---------------------------------------------------------------------------------------------
 
 SIMULATED = "sim:loop"
-"""The port of a simulated line that is wired back to itself."""
+"""Name of the port of a simulated line that is wired back to itself."""
 
 
 def decoder(

@@ -25,7 +25,7 @@ Schema = dict[str, Any]
 
 
 def kinds() -> list[str]:
-    """Return the kinds of files."""
+    """Return the names of the kinds of files."""
     return sorted(set(FIRST_KEYS.values()))
 
 
@@ -55,7 +55,7 @@ def schema(kind: str | None = None) -> Schema:
 
 
 def _protocols_of(stem: str, whole: Schema) -> list[Schema]:
-    """Return the places of a schema in which a known protocol may be named, so that an editor offers their names."""
+    """Yield the places of a schema in which a known protocol may be named, so that an editor offers their names."""
     if stem == "run":
         return [whole["$defs"]["run.channel"]["properties"]["protocol"]]
     if stem == "device":
@@ -80,7 +80,7 @@ def _chosen(definitions: Schema) -> Schema:
 
 
 def _goes_before(other: str, key: str, definitions: Schema) -> bool:
-    """Return whether a file with both keys is of the other's kind: the other's schema knows this key too."""
+    """Return whether a file with both keys is of the other key's kind: its schema contains this key too."""
     mine, named = FIRST_KEYS[key], FIRST_KEYS[other]
     return named != mine and key in definitions[named]["properties"] and other not in definitions[mine]["properties"]
 

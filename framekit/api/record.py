@@ -24,7 +24,7 @@ from framekit.transport.schemes import open_port
 
 
 def clock_of_loop() -> Clock:
-    """Return the time of the running loop."""
+    """Return a clock on the running loop."""
     return AsyncioClock(asyncio.get_running_loop())
 
 
@@ -70,11 +70,14 @@ class WireCounts:
 
 
 MOST_PASSED = 64 << 10
-"""Bytes that may wait for the port that they are passed on to."""
+"""Largest number of bytes that wait for the port to which they are passed on."""
 
 
 class _Wire:
-    """One port as drivers know engines: it never has a command. `other`: the wire that it passes everything on to."""
+    """A port with the interface of an engine for drivers; it never has a command.
+
+    `other`: the wire that it forwards everything to.
+    """
 
     deadline = NEVER
 
@@ -188,7 +191,7 @@ class Recorder:
     ) -> Recorder:  # fmt: skip
         """Return a recorder of one or two ports, in the running loop.
 
-        Raises RequestError; OSError if there can be no file.
+        Raises RequestError; OSError if the file cannot be created.
         """
         clock = clock_of_loop()
         if len(set(urls)) < len(urls):
@@ -266,7 +269,7 @@ class Recorder:
 
 
 WIDTH = 16
-"""Bytes of a row."""
+"""Number of bytes of a row."""
 ARROWS = ("←", "→")
 MARKS = {LineFault.FRAMING: "!", LineFault.PARITY: "?", LineFault.OVERRUN: "+", LineFault.MARK: "'"}
 """Marks after a damaged or marked character."""
@@ -299,7 +302,7 @@ class ByteRows:
         self._head = ""
 
     def add(self, heard: Heard) -> list[str]:
-        """Return the rows that are complete now."""
+        """Add an event and return the rows that are complete now."""
         event = heard.event
         if event.kind == "data":
             return self._add_bytes(heard)
@@ -370,7 +373,7 @@ def heard_data(heard: Heard, began: int) -> dict[str, Any]:
 
 
 MOST_WAITING = 1 << 20
-"""Bytes of rows that may wait for their reader."""
+"""Largest number of bytes of rows that wait for their reader."""
 
 
 class ByteView:

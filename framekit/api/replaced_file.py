@@ -63,13 +63,13 @@ class ReplacedFile:
             raise
 
     def put_back(self) -> None:
-        """Restore the content of before the trial."""
+        """Restore the content from before the trial."""
         _, _, content = self._trial.read_bytes().partition(b"\n")
         replace_whole(self.path, content, self.path)
         self._end_trial()
 
     def keep(self) -> None:
-        """End the trial well: the old content goes to `NAME.before`."""
+        """End the trial with success: the old content goes to `NAME.before`."""
         _, _, content = self._trial.read_bytes().partition(b"\n")
         replace_whole(self.before, content, self.path)
         self._end_trial()

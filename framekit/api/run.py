@@ -106,7 +106,7 @@ def carry_out(service: RunService, line: str) -> None:
 
 
 INTERVAL = 1.0
-"""Seconds between two looks; a content is taken when two looks in a row find it."""
+"""Interval of the checks for changes (s); a content is used when two checks in a row find it."""
 
 
 class FileWatch:
@@ -251,7 +251,7 @@ class RunCalls:
             self._clock.call_soon(lambda: told(status, ok))
 
     def _begin(self) -> None:
-        """Start the run, unless it has been started. To be called where the run is at home. Raises RequestError."""
+        """Start the run, unless it has been started. Call it in the thread of the run. Raises RequestError."""
         if self._over:
             raise RequestError("a run is started once – make a new one")
         if not self.running:
@@ -260,7 +260,7 @@ class RunCalls:
             self._service.start()
 
     def open_sinks(self) -> None:
-        """Open the files and stores of the sinks, as the start does. To be called where the run is at home.
+        """Open the files and stores of the sinks, as the start does. Call it in the thread of the run.
 
         Raises DefinitionError with each that cannot be opened and written.
         """
@@ -296,7 +296,7 @@ class RunCalls:
         return found
 
     def lines(self) -> dict[int, LineOf]:
-        """Return the channels, as a display shows them."""
+        """Return the channels in the form of a display."""
         return {number: _line_of(channel) for number, channel in self._service.channels.items()}
 
     def channel(self, number: int) -> Channel:
@@ -345,7 +345,7 @@ class RunCalls:
 
     @property
     def running(self) -> bool:
-        """Return whether it has been started, and not stopped."""
+        """Return whether the run has been started and not stopped."""
         return self._service.running
 
     @property
@@ -358,13 +358,14 @@ class RunCalls:
 
     @property
     def troubles(self) -> tuple[Trouble, ...]:
-        """Return the same for programs: sinks, stores, the state file and captures that fail now or have lost data."""
+        """Return the present troubles: sinks, stores, the state file and captures that fail now or have lost data."""
         return self._service.troubles.present()
 
     def watch_troubles(self, listener: Callable[[TroubleReport], None]) -> None:
-        """Call `listener` when a trouble begins, when it loses data, and when it ends: at once, one after the other.
+        """Call `listener` when a trouble begins, when it loses data, and when it ends: at once, one call after the
+        other.
 
-        It is called in the thread that met the trouble, and must not wait for the run.
+        It is called in the thread in which the trouble occurred, and must not wait for the run.
         """
         self._service.troubles.listen(listener)
 
@@ -431,7 +432,7 @@ class RunCalls:
         return end
 
     async def _end_of(self, number: int | None, fire: bool, timeout: float | None) -> BlockStatus:
-        """Return the status at the next completion, of a block that is made due first or by itself.
+        """Return the status at the next completion of a block, which is made due first or comes due by itself.
 
         Raises NoReplyError.
         """
@@ -449,7 +450,7 @@ class RunCalls:
             end()
 
     def _able(self, number: int) -> None:
-        """Raise RequestError where a block that is fired cannot come due."""
+        """Raise RequestError if a fired block cannot come due."""
         if not self.running:
             raise RequestError("the run has not been started, or was stopped")
         if not self.block(number).enabled:
@@ -471,7 +472,7 @@ class RunCalls:
 
     @property
     def points(self) -> RunPoints:
-        """Return the named values of the run."""
+        """Return the points of the run."""
         return RunPoints(self._service.points, self._do)
 
     def device(self, name: str) -> Memory:
@@ -522,7 +523,7 @@ async def leave(service: RunService) -> None:
 
 
 def loaded(run: str | Path | RunModel) -> RunModel:
-    """Return the run in a file. Raises DefinitionError."""
+    """Return the run of a file. Raises DefinitionError."""
     return run if isinstance(run, RunModel) else load_run(Path(run))
 
 
@@ -532,7 +533,7 @@ def reads_only(run: RunModel) -> RunModel:
 
 
 def nanoseconds(time: str | float) -> int:
-    """Return a time such as `10 s`, or a number of seconds. Raises RequestError."""
+    """Return the nanoseconds of a time such as `10 s`, or of a number of seconds. Raises RequestError."""
     try:
         found = parse_time(time) if isinstance(time, str) else round(time * 1e9)
     except (ValueError, OverflowError) as error:
@@ -543,10 +544,10 @@ def nanoseconds(time: str | float) -> int:
 
 
 class Run(RunCalls, Stopping):
-    """A run file at work in real time; `with` starts and stops it. Threads may share it.
+    """A run file executed in real time; `with` starts and stops it. Threads may share it.
 
     Its memory may be used before the start and after the end. `on_end(status, ok)` and `on_seen(channel, seen)` are
-    called in the run's thread, and may call everything here but `next_end`, `start` and `stop`. Raises DefinitionError
+    called in the run's thread, and may call every method except `next_end`, `start` and `stop`. Raises DefinitionError
     for a wrong file, RequestError for a port of no known kind.
     """
 
@@ -659,7 +660,7 @@ class VirtualRun(RunCalls, Stopping):
 
 
 class AsyncRun(RunCalls):
-    """A run file at work in the loop in which it is made; `async with` starts and stops it.
+    """A run file executed in the loop in which it is made; `async with` starts and stops it.
 
     Its memory may be used before the start. `on_end(status, ok)` and `on_seen(channel, seen)` are called in the loop.
     Raises DefinitionError for a wrong file, RequestError for a port of no known kind.

@@ -1,4 +1,4 @@
-"""Simulated devices, for asyncio and without: they answer on a port; their memory is read and written meanwhile."""
+"""Simulated devices, for asyncio and without: they serve on a port while their memory is read and written."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class AsyncServer:
         self.capture: Path | None = None
         self.lost: list[str] = []
         self.on_trouble: Callable[[TroubleReport], None] = lambda report: None
-        """Called at once when the capture cannot be written; to be set before `open`."""
+        """Callback for a capture that cannot be written, called at once; set it before `open`."""
         self._initial = initial
         self._monitor = monitor
         self._limits = limits
@@ -146,7 +146,7 @@ class AsyncServer:
 
     @property
     def memory(self) -> Memory:
-        """Return the memory of the device, of the first where there are several."""
+        """Return the memory of the device, or of the first device."""
         return self._memory(0, self.do)
 
     def memory_of(self, station: Any) -> Memory:
@@ -187,12 +187,12 @@ class AsyncServer:
 
     @property
     def done(self) -> int:
-        """Return how many requests have been carried out."""
+        """Return the number of requests carried out."""
         return sum(store.counters.done for store in self._opened().stores)
 
     @property
     def refused(self) -> dict[int, int]:
-        """Return how many requests were refused, by the code they were refused with."""
+        """Return the numbers of refused requests, by code."""
         found: Counter[int] = Counter()
         for store in self._opened().stores:
             found.update(store.counters.refused)
@@ -200,7 +200,7 @@ class AsyncServer:
 
     @property
     def connections(self) -> int:
-        """Return how many have been made."""
+        """Return the number of connections made."""
         return self._opened().connections
 
     @property
@@ -301,7 +301,7 @@ def _text(value: Any) -> str:
 
 
 class Server(Closing):
-    """Devices at work on a port, made by `framekit.serve`; `with` or `close` ends them. Threads may share it."""
+    """Devices serving on a port, made by `framekit.serve`; `with` or `close` ends them. Threads may share it."""
 
     def __init__(self, server: AsyncServer) -> None:
         self._server = server
@@ -332,7 +332,7 @@ class Server(Closing):
 
     @property
     def memory(self) -> Memory:
-        """Return the memory of the device, of the first where there are several."""
+        """Return the memory of the device, or of the first device."""
         return self._server.memory
 
     def memory_of(self, station: Any) -> Memory:
@@ -341,12 +341,12 @@ class Server(Closing):
 
     @property
     def done(self) -> int:
-        """Return how many requests have been carried out."""
+        """Return the number of requests carried out."""
         return self._server.done
 
     @property
     def refused(self) -> dict[int, int]:
-        """Return how many requests were refused, by the code they were refused with."""
+        """Return the numbers of refused requests, by code."""
         return self._thread.do(lambda: self._server.refused)
 
 

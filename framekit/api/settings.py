@@ -34,7 +34,7 @@ class LoadedProtocol(typing.Protocol):
 
 
 ProtocolGiven = str | Path | Protocol | LoadedProtocol
-"""A protocol by its name, by its file, or loaded before."""
+"""A protocol by its name, by its file, or already loaded."""
 
 
 def protocol_of(given: ProtocolGiven) -> Protocol:
@@ -127,7 +127,7 @@ def line_settings(
 
 
 def checked_station(protocol: Protocol, given: Any) -> Any:
-    """Return a station as the protocol wants it; numbers and hex pairs may be text. Raises RequestError."""
+    """Return a station in the form of the protocol; numbers and hex pairs may be text. Raises RequestError."""
     text = given.hex(" ") if isinstance(given, bytes) and protocol.station.type == "bytes" else str(given)
     try:
         return parse_station(text, protocol)
@@ -178,7 +178,7 @@ def names_of(protocol: Protocol, given: Mapping[str, Any]) -> Names:
 
 
 def _set_variable(scope: Scope, protocol: Protocol, name: str, value: Any) -> None:
-    """Set a state variable from its text."""
+    """Set a state variable from a value or its text. Raises RequestError."""
     if name not in protocol.state:
         known = [*protocol.params, *protocol.state]
         raise RequestError(no_such(f"'{protocol.name}' has no parameter or variable", name, known))

@@ -28,13 +28,13 @@ MOST_BYTES = 50_000
 """Largest size of a text (bytes); longer texts are refused, since frames have a size limit too."""
 MOST_CHECKS = 8
 MOST_WORDS = 2_000
-"""Characters that all words of an enumeration have together."""
+"""Largest number of characters of all words of an enumeration together."""
 
 BY_HAND = "write its frames by hand"
 
 
 def quoted(text: str) -> str:
-    """Return a text as expressions have it."""
+    """Return a text as a literal of expressions."""
     return "'" + text.replace("\\", "\\\\").replace("'", "\\'") + "'"
 
 
@@ -85,17 +85,17 @@ class StreamValue(NamedTuple):
 
 @dataclass(slots=True)
 class StreamBody:
-    """Segments of a frame, its values, and the numbers of the arguments in it. `before`: the constant it begins with.
-
-    `varies`: whether anything is no constant. `checks`: own check codes by name.
-    """
+    """Segments of a frame, its values, and the numbers of its arguments."""
 
     segments: list[Segment] = field(default_factory=list)
     values: list[StreamValue] = field(default_factory=list)
     arguments: list[int] = field(default_factory=list)
     checks: dict[str, Segment] = field(default_factory=dict)
+    """Own check codes by name."""
     before: bytes = b""
+    """Constant bytes at its beginning."""
     varies: bool = False
+    """Whether it has a variable part."""
     narrower: list[tuple[str, Position]] = field(default_factory=list)
 
 
@@ -232,7 +232,10 @@ class _BodyMaker:
         start: int | str = 0,
         **keys: Any,
     ) -> str:
-        """Return a text that a number is worked out from. `value` and `build` write that, each of the other's name."""
+        """Add a text and the number computed from it; return the name of the text.
+
+        `value`: expression for the number from the text, when reading; `build`: for the text from the number.
+        """
         word, name = self._unused("word"), self._value(one, "number", start)
         self.body.segments.append({"field": word, "type": "ascii", **keys, "build": build(name)})
         self.body.segments.append({"value": name, "read": value(word)})
@@ -608,7 +611,7 @@ def _size(one: Converter) -> int:
 
 
 def _members(one: Converter) -> frozenset[int]:
-    """Return the bytes of a set such as `^,;` or `A-Z_`; a minus sign between two is a range."""
+    """Return the bytes of a set such as `^,;` or `A-Z_`; a minus sign between two characters is a range."""
     text = one.about.removeprefix("^")
     members: set[int] = set()
     last, place = 0, 0
@@ -667,7 +670,8 @@ def _codes() -> dict[str, tuple[int, Segment]]:
 def check_method(one: Converter) -> tuple[str, int, Segment]:
     """Return the name of a check code, its bytes, and its entry in `checks:` if it needs one. Raises CannotSayError.
 
-    StreamDevice takes the first code whose name begins with the given one, and `-`, `neg` or `n`, `~` or `not` before.
+    StreamDevice takes the first code whose name begins with the given name, after a prefix `-`, `neg` or `n`, `~` or
+    `not`.
     """
     name = one.about.lower()
     given = name

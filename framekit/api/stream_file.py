@@ -23,9 +23,9 @@ MOST_SIGNS = 4_000_000
 """Largest number of characters and words of all values together, after the replacement of variables."""
 
 DEEPEST = 20
-"""Blocks inside each other; a handler in a protocol is two, more are errors."""
+"""Largest depth of nested blocks; a handler in a protocol has depth 2."""
 BYTE_ORDER_MARK = "\xef\xbb\xbf"
-"""Some editors begin a file with these bytes."""
+"""Byte order mark, with which some editors begin a file."""
 _WORD = r"""[^\s,;{}=()$'"+\-*/#]+"""
 _TOKEN = re.compile(
     rf"""(?P<blank>(?:\s+|\#[^\n]*)+)|(?P<string>"(?:\\.|[^"\\\n])*"|'(?:\\.|[^'\\\n])*')"""
@@ -59,7 +59,7 @@ HANDLERS = ("@init", "@mismatch", "@writetimeout", "@replytimeout", "@readtimeou
 
 
 class _Token(NamedTuple):
-    """`spaced`: there is space before it."""
+    """A token. `spaced`: whether a space precedes it."""
 
     kind: str
     text: str
@@ -81,7 +81,7 @@ class AnyByte(NamedTuple):
 
 
 class StreamArgument(NamedTuple):
-    """`\\$1` to `\\$9`: a text that the user of the protocol gives."""
+    r"""`\$1` to `\$9`: a text that the user of the protocol provides."""
 
     number: int
     at: Position
@@ -122,7 +122,7 @@ _IN_NAMES = ("+", "-", "*", "/")
 
 
 def named(text: str) -> str:
-    """Return a name in a message: long ones are cut, so that messages stay short however often they name it."""
+    """Return a name for a message, shortened if it is long."""
     return repr(text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…")
 
 
@@ -139,7 +139,7 @@ def plain_text(text: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class StreamCommand:
-    """`elements`: of `out` and `in`; `ms`: of `wait`."""
+    """A command. `elements`: of `out` and `in`; `ms`: of `wait`."""
 
     word: str
     at: Position
@@ -164,7 +164,7 @@ class StreamSettings:
 
 @dataclass(frozen=True, slots=True)
 class StreamProtocol:
-    """`init`: the commands of its handler @init, if it has one of its own or of the file."""
+    """A protocol. `init`: the commands of its handler @init, of its own or of the file, if any."""
 
     name: str
     at: Position
@@ -235,7 +235,7 @@ class _ToldError(Exception):
 
 
 class _StreamReader:
-    """Reads all protocols of a file; goes on after an error."""
+    """Reads all protocols of a file; it continues after errors."""
 
     def __init__(self, text: str, file: str) -> None:
         self.errors: list[Problem] = []
@@ -455,7 +455,7 @@ class _StreamReader:
                 yield token
 
     def _with_variables(self, token: _Token, variables: Mapping[str, _Variable]) -> _Token:
-        """Return a string with the texts of its variables, quotes included; arguments stay."""
+        """Return a string with its variables replaced by their texts, quotes included; arguments stay."""
         quote, inside = token.text[0], token.text[1:-1]
         parts, place = [quote], 0
         for match in _ESCAPE.finditer(inside):
@@ -553,7 +553,7 @@ class _StreamReader:
         return bytes(found)
 
     def _number(self, tokens: Sequence[_Token], at: Position, variables: Mapping[str, _Variable]) -> int:
-        """Return a number as C writes it: 0x10, 010, 16."""
+        """Return a number in the notation of C: 0x10, 010, 16."""
         text = "".join(one.text for one in self._expanded(tokens, variables))
         match = re.fullmatch(r"(0[xX][0-9a-fA-F]{1,8})|(0[0-7]{0,10})|([1-9][0-9]{0,8})", text)
         if match is None:

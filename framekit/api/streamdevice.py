@@ -28,12 +28,12 @@ FIRST = 6
 """Number of first bytes by which a receiver distinguishes frames."""
 
 _TIMES = range(10, 60_001)
-"""Milliseconds that the parameter `reply_timeout` may have."""
+"""Range of the parameter `reply_timeout` (ms)."""
 _TAKEN = RESERVED | {
     "if", "else", "or", "and", "not", "in", "never", "retries", "reply_timeout", "byte_timeout", "late_reply",
     "answer_delay",
 }  # fmt: skip
-"""Names of values that mean something else in services and sequences."""
+"""Names that have another meaning in services and sequences."""
 _SERVICES = frozenset({"answer", "request", "reply", "read", "write"})
 
 
@@ -56,7 +56,7 @@ def from_streamdevice(text: str, file: str, name: str) -> ImportedDefinition:
 
 
 class _Times(NamedTuple):
-    """In ms: until the first byte of a reply, and between its bytes."""
+    """Time limits (ms): for the first byte of a reply, and between its bytes."""
 
     reply: int
     byte: int
@@ -82,7 +82,7 @@ class _Step(NamedTuple):
 
 @dataclass(slots=True)
 class _MadeService:
-    """`is_pair`: one request, one reply."""
+    """A service. `is_pair`: whether it has one request and one reply."""
 
     name: str
     steps: list[_Step]
@@ -92,7 +92,7 @@ class _MadeService:
 
 @dataclass(slots=True)
 class _Names:
-    """Names that are given once. Equal ones get numbers."""
+    """Unique names: equal names get numbers."""
 
     used: set[str] = field(default_factory=set)
     counts: Counter[str] = field(default_factory=Counter)
@@ -187,7 +187,7 @@ class _StreamWriter:
         return body
 
     def _frame(self, name: str, body: StreamBody, word: str) -> _MadeFrame:
-        """Return the frame of this body: the same bytes are one frame."""
+        """Return the frame of this body; equal bytes give the same frame."""
         key = f"{word} {flow(body.segments)}"
         if key not in self.frames:
             side = "client" if word == "out" else "server"
@@ -372,7 +372,7 @@ _LONGEST = 64
 
 
 def quoted_name(name: str) -> str:
-    """Return a name as an expression that is that text."""
+    """Return a name as an expression for its text."""
     return f"'{name}'"
 
 

@@ -25,9 +25,7 @@ Schema = dict[str, Any]
 
 
 def json_schema(protocol: Protocol) -> Schema:
-    """Return the schema of everything that decodes: one of the frames of the line; each frame has a definition of its
-    own.
-    """
+    """Return the schema of all decoded values: one of the frames of the line; each frame has its own definition."""
     definitions = {frame.name: _object(frame.segments) for frame in protocol.frames.values()}
     frames = [frame for frame in protocol.frames.values() if not frame.inner] or list(protocol.frames.values())
     return {
@@ -74,7 +72,7 @@ def _alternatives(known: Schema) -> list[Schema]:
 
 
 def _segments(segments: Segments, always: bool) -> Iterator[tuple[Segment, bool]]:
-    """Yield the segments of one record, with whether each is always there."""
+    """Yield the segments of one record, with whether each is always present."""
     for segment in segments:
         here = always and segment.when is None
         yield segment, here
@@ -127,7 +125,7 @@ def _typed(type_: FieldType) -> Schema:
 
 
 def _whole(limits: tuple[int, int] | None) -> Schema:
-    """Return a whole number, with its limits where programs in JavaScript can hold them."""
+    """Return the schema of a whole number, with its limits if JavaScript represents them exactly."""
     found: Schema = {"type": "integer"}
     if limits is not None and limits[0] > -_SAFE:
         found["minimum"] = limits[0]
@@ -153,7 +151,7 @@ def typescript(protocol: Protocol) -> str:
 
 
 def _interfaces(frames: Iterable[str]) -> dict[str, str]:
-    """Return the name of an interface for each frame: letters and digits, each once."""
+    """Return the name of an interface for each frame: unique, of letters and digits."""
     found: dict[str, str] = {}
     for frame in frames:
         words = "".join(word[:1].upper() + word[1:] for word in re.findall(r"[A-Za-z0-9]+", frame))

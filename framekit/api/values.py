@@ -1,4 +1,4 @@
-"""Typed values of calls: how they travel as units of transfers, and the objects in which calls give them back."""
+"""Typed values of calls: their conversion to units of transfers, and the results of calls."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Reading(Sequence[T], Generic[T]):
 
     @property
     def value(self) -> T:
-        """Return the first value: the only one where one was asked for."""
+        """Return the first value, which is the only value of a read of one."""
         return self.values[0]
 
     @overload
@@ -69,9 +69,9 @@ class Reading(Sequence[T], Generic[T]):
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """A frame: its name, its fields as the codec gives them (an inner frame is `{name: fields}`), its bytes.
+    """A frame: its name, its fields as decoded by the codec (an inner frame is `{name: fields}`), its bytes.
 
-    `refusal` is the code a server refuses it with.
+    `refusal`: code with which a server refuses it.
     """
 
     name: str
@@ -102,7 +102,7 @@ IntType = Literal[
     "bit", "byte", "word", "dword", "lword",
     "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64", "bcd16", "bcd32",
 ]  # fmt: skip
-"""Types whose values are int: the units of memory, and numbers with and without sign, in BCD too."""
+"""Types whose values are int: the units of memory, and numbers with and without sign, also in BCD."""
 FloatType = Literal["float32", "float64"]
 TextType = Literal["string"]
 

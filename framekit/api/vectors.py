@@ -76,7 +76,7 @@ def _of_another(vectors: Vectors, protocol: str | Path, folder: Path | None) -> 
 
 
 def _addresses(asked: Any) -> list[str]:
-    """Return the addresses of a read or write: one, a list, or those to which values belong."""
+    """Return the addresses of a read or write: a single address, a list, or the keys of a mapping to values."""
     return [str(text) for text in ([asked] if isinstance(asked, str) else asked or ())]
 
 
@@ -118,7 +118,7 @@ def run_vectors(
 
 
 def make_side(case: Conversation, protocol: Protocol, codec: ProtocolCodec) -> SideUnderTest:
-    """Return a client with its services, or a device with a memory as the case describes it."""
+    """Return a client with its services, or a device with a memory, as the case describes it."""
     areas, grammar = memory_of(protocol)
     memory = DeviceMemory(areas)
     for text, value in case.memory.items():

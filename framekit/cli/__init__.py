@@ -1,1 +1,1 @@
-"""The command line: one small module a verb. Everything heavy is imported when its verb is carried out."""
+"""The command line: one small module for each verb. Large modules are imported when a verb needs them."""

@@ -35,23 +35,23 @@ V = TypeVar("V")
 
 
 class VerbError(Exception):
-    """The command failed; the message gives the reason."""
+    """Raised if a command failed; the message gives the reason."""
 
     status = 1
-    """The exit status."""
+    """Exit status."""
     kind = "failed"
     """Kind of the error in the output of `--json`."""
 
 
 class WordsError(VerbError):
-    """The command line is wrong: an option, a name or a value. The command had no effect."""
+    """Raised for a wrong command line: an option, a name or a value. The command had no effect."""
 
     status = 2
     kind = "command_line"
 
 
 class PortError(VerbError):
-    """The port cannot be opened."""
+    """Raised if the port cannot be opened."""
 
     status = 3
     kind = "port"
@@ -360,7 +360,7 @@ def on_stop(stop: Callable[[], object]) -> None:
 
 @contextlib.contextmanager
 def until_stopped() -> Iterator[None]:
-    """End work without a loop at each of STOP_SIGNALS, wherever it is, without an error.
+    """End work without a loop at each of STOP_SIGNALS, at any point, without an error.
 
     Also if the program was started with SIGINT ignored, as shells start jobs in the background.
     """

@@ -125,7 +125,7 @@ def _meaning_as_json(meaning: Meaning) -> dict[str, Any]:
 
 
 def command_line(meaning: Meaning) -> str:
-    """Return the command with its fields."""
+    """Return the command with its fields as a line."""
     shown = [
         f"{name} {value}" + (f" ({meaning.names[name]})" if name in meaning.names else "")
         for name, value in meaning.fields.items()
@@ -160,7 +160,7 @@ def commands_in(words: list[str]) -> list[list[str]]:
 
 
 def _words_of(file: str) -> list[str]:
-    """Return the words in a file, in which # begins a remark. Raises VerbError."""
+    """Return the words of a file, in which # begins a comment. Raises VerbError."""
     try:
         lines = Path(file).read_text(encoding="utf-8").splitlines()
     except FileNotFoundError:
@@ -173,7 +173,7 @@ def _words_of(file: str) -> list[str]:
 
 
 def _record(blocks: CommandBlocks, given: list[str]) -> bytes:
-    """Return the command block that is meant. Raises ValueError."""
+    """Return the command block from words. Raises ValueError."""
     from framekit.api.commands import record_of
 
     plain = [text for text in given if "=" not in text]
@@ -260,7 +260,7 @@ def _as_json(meaning: Meaning, end: CommandEnd, changes: dict[str, list[int]]) -
 
 
 LATE = "late"
-"""The outcome of a transfer that takes too long, and may still end well."""
+"""Outcome of a transfer that takes too long, and may still succeed."""
 
 
 def carry_out_jobs(
@@ -301,7 +301,9 @@ class JobCommands:
         self.told: set[str] = set()
 
     async def carry_out(self, records: list[bytes]) -> int:
-        """Return the commands one after the other, then their jobs until they are over, or are stopped."""
+        """Carry out the commands one after the other, then the jobs until they are over or stopped; return the exit
+        status.
+        """
         from framekit.api.commands import blocks_on, line_of_jobs
         from framekit.api.errors import RequestError
         from framekit.cli.common import Unread

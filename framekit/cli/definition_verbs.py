@@ -77,13 +77,13 @@ def run_encode(arguments: argparse.Namespace) -> int:
 
 
 Steps = tuple[str | int, ...]
-"""The way to a value: names of fields, records and frames, and indexes of lists."""
+"""Path to a value: names of fields, records and frames, and indexes of lists."""
 
 _STEP = re.compile(r"(?P<name>[^\[\]]+)(\[(?P<index>[0-9]{1,9})\])?")
 
 
 def fields_given(texts: Iterable[str]) -> dict[str, Any]:
-    """Return the values of `NAME=VALUE`, `RECORD.NAME=VALUE` and `LIST[0].NAME=VALUE`, as the codec has them.
+    """Return the values of `NAME=VALUE`, `RECORD.NAME=VALUE` and `LIST[0].NAME=VALUE`, in the form of the codec.
 
     Raises WordsError.
     """
@@ -180,7 +180,7 @@ def _protocols(as_json: bool) -> int:
 
 
 def _family(name: str, heads: Mapping[str, Mapping[str, str]]) -> str:
-    """Return the family that a shipped definition names, or the first of those it extends that does."""
+    """Return the family that a shipped definition names, or else the nearest definition that it extends."""
     while name in heads:
         if family := heads[name].get("family"):
             return family
@@ -283,7 +283,7 @@ LONGEST_FRAME = 65_536
 
 
 def _bytes_of_a_frame(text: str) -> int:
-    """Return a number of bytes. Raises ArgumentTypeError."""
+    """Return a number of bytes from its text. Raises ArgumentTypeError."""
     if not text.isdecimal() or not 1 <= int(text) <= LONGEST_FRAME:
         raise argparse.ArgumentTypeError(f"'{text}' is no size – write a number from 1 to {LONGEST_FRAME}")
     return int(text)

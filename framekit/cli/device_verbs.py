@@ -99,8 +99,9 @@ def carry_out(
 
 
 def settings_of(arguments: argparse.Namespace, protocol: Protocol | None = None) -> ClientSettings:
-    """Return the line that is named; `protocol`: if it is loaded already. Raises DefinitionError, RequestError,
-    WordsError.
+    """Return the settings of the line from the command line; `protocol`: if already loaded.
+
+    Raises DefinitionError, RequestError, WordsError.
     """
     from framekit.api.settings import line_settings
 
@@ -217,7 +218,7 @@ def once(client: Client, arguments: argparse.Namespace) -> int:
 
 
 def read(client: Client, arguments: argparse.Namespace) -> list[Reading[Any]]:
-    """Return the readings of all addresses; in one request where each is one value."""
+    """Return the readings of all addresses; in one request if each is a single value."""
     addresses, type_, order = arguments.addresses, arguments.type, arguments.order
     if len(addresses) > 1 and arguments.count == 1 and type_ != "string":
         return [client.read_many(addresses, type=type_, order=order)]

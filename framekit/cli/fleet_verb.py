@@ -34,7 +34,7 @@ LONGEST_WITHIN = 86_400_000_000_000
 LONGEST_ANSWER = 60.0
 """Default time limit for the answers of gateways (s)."""
 LOOKS_EVERY = 5.0
-"""Seconds after which a gateway that has gone silent is looked for, at most."""
+"""Longest interval of the checks for gateways that have become silent (s)."""
 
 
 def add_fleet_arguments(parser: argparse.ArgumentParser) -> None:
@@ -155,7 +155,7 @@ def row_of(member: Member) -> tuple[str, ...]:
 
 
 def data_of(member: Member) -> dict[str, Any]:
-    """Return the same for programs."""
+    """Return a gateway for JSON output."""
     birth = {name: value for name, value in member.birth.items() if name != "number"}
     return {
         **birth, "gateway": member.name, "online": member.online and not member.is_silent,
@@ -164,7 +164,7 @@ def data_of(member: Member) -> dict[str, Any]:
 
 
 def wanted(fleet: Fleet, arguments: argparse.Namespace) -> list[Member]:
-    """Return the gateways that are asked for, by name."""
+    """Return the selected gateways, by name."""
     return [
         one
         for name, one in sorted(fleet.members.copy().items())
@@ -173,7 +173,7 @@ def wanted(fleet: Fleet, arguments: argparse.Namespace) -> list[Member]:
 
 
 def show(fleet: Fleet, arguments: argparse.Namespace) -> None:
-    """Print all that are asked for."""
+    """Print the selected gateways."""
     members = wanted(fleet, arguments)
     if arguments.json:
         for one in members:

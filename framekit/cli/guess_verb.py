@@ -163,7 +163,7 @@ def _show(
 
 
 def heard_in(files: list[Path]) -> list[HeardBytes]:
-    """Return the bytes of all files. Raises VerbError where there are none."""
+    """Return the bytes of all files. Raises VerbError if they hold none."""
     from framekit.api.guess import HeardError, heard
 
     try:
@@ -210,7 +210,7 @@ def text_of(found: Guess) -> str:
 
 
 def data_of(found: Guess) -> dict[str, Any]:
-    """Return the same for programs."""
+    """Return the results for JSON output."""
     return {
         "frames": len(found.frames),
         "noise": found.noise,

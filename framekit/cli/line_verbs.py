@@ -158,7 +158,7 @@ async def _listen(protocol: Protocol, arguments: argparse.Namespace, printer: _P
 def monitor_of(
     protocol: Protocol, arguments: argparse.Namespace, show: Callable[[Seen], None], on_state: Callable[[str], None]
 ) -> LineMonitor:
-    """Return the monitor that a command line asks for. Raises WordsError, OSError."""
+    """Return the monitor of the command line. Raises WordsError, OSError."""
     from framekit.api.monitor import LineMonitor
 
     line, params = line_of(protocol, arguments), assignments(arguments.param)
@@ -169,7 +169,7 @@ def monitor_of(
 
 
 class MonitorSession(LiveSession):
-    """A line between others."""
+    """A session of the display that monitors a line."""
 
     def __init__(self, protocol: Protocol, arguments: argparse.Namespace, duration: int | None) -> None:
         super().__init__(f"monitor {arguments.port}", duration)

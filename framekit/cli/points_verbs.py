@@ -15,7 +15,7 @@ from framekit.cli.common import VerbError, WordsError, in_words, time_of
 from framekit.definition.problems import printable
 
 FURTHEST = (1 << 63) - 1
-"""No time in a history lies further from 1970 (ns)."""
+"""Greatest distance of a time from 1970 (ns)."""
 
 PAGE = 1_000
 """Number of values of a history in memory at once."""
@@ -92,7 +92,7 @@ def run_history(arguments: argparse.Namespace) -> int:
 
 
 def _print_pages(head: Sequence[str], page: Sequence[Sequence[str]], rows: Iterator[Sequence[str]]) -> None:
-    """Print a table of any length: columns get wider where a later page needs it, and never narrower."""
+    """Print a table of any length: columns get wider if a later page needs it, and never narrower."""
     widths = [len(title) for title in head]
     lines = [head, *page]
     while lines:

@@ -72,7 +72,7 @@ def run_record(arguments: argparse.Namespace) -> int:
 
 
 def _check(arguments: argparse.Namespace) -> None:
-    """Raise WordsError for options that do not go together."""
+    """Raise WordsError for options that exclude each other."""
     if arguments.output is None and arguments.quiet and not arguments.tries:
         raise WordsError("--quiet shows nothing, and nothing is recorded – name a file with -o")
     for option in ("speeds", "formats", "each"):

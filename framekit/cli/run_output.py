@@ -66,7 +66,7 @@ def load_table(load: ChannelLoad) -> str:
 
 
 def load_data(load: ChannelLoad) -> dict[str, Any]:
-    """Return the same for programs; times in seconds, loads from 0 to 1 and more."""
+    """Return the load for JSON output; times in seconds, loads as shares (above 1: overloaded)."""
     return {
         "channel": load.channel.number,
         "settings": None if load.channel.line is None else str(load.channel.line),
@@ -105,7 +105,7 @@ def _load_data(one: BlockLoad) -> dict[str, Any]:
 
 
 def status_text(status: RunStatus, began: int) -> str:
-    """Return the channels, the blocks and the jobs; `began`: when the run did, by its clock."""
+    """Return tables of the channels, the blocks and the jobs; `began`: start of the run, by its clock."""
     parts = [table([channel_row(one) for one in status.channels], CHANNEL_HEAD)] if status.channels else []
     blocks = [block_row(one) for one in status.blocks]
     parts.append(table([*blocks, *(removed_row(one) for one in status.removed)], BLOCK_HEAD))
@@ -133,7 +133,7 @@ def jobs_text(jobs: JobsStatus, began: int) -> list[str]:
 
 
 def status_data(status: RunStatus, began: int) -> dict[str, Any]:
-    """Return the same for programs; times in seconds of the run."""
+    """Return the status for JSON output; times in seconds of the run."""
     blocks = []
     for one in status.blocks:
         block = {name: value for name, value in asdict(one).items() if name not in ("last_failure", "last_end")}
@@ -153,7 +153,7 @@ def status_data(status: RunStatus, began: int) -> dict[str, Any]:
 
 
 def trouble_data(trouble: Trouble) -> dict[str, Any]:
-    """Return a trouble for programs; `reason` is empty when the part works again."""
+    """Return a trouble for JSON output; `reason` is empty when the part works again."""
     return {
         "name": trouble.name, "reason": trouble.reason, "waiting": trouble.waiting, "lost": trouble.lost,
         "points": dict(trouble.points),
@@ -205,7 +205,7 @@ class RunOutput:
         self.tape = Tape(self._begins)
         """The monitor of the run."""
         self._channels: dict[int, Channel] = {}
-        """The channels that the records of the tape are of."""
+        """Channels of the records of the tape."""
 
     def seconds(self, time: int) -> float:
         return (time - self.at_work.began) / 1e9 if self.at_work is not None else 0.0
@@ -295,7 +295,7 @@ def _station_of(block: Block) -> str | None:
 
 
 def put(text: str) -> None:
-    """Print whole lines in one go."""
+    """Print whole lines at once."""
     sys.stdout.write(text)
     sys.stdout.flush()
 

@@ -1,4 +1,4 @@
-"""`framekit run FILE`: carries out a run file, in real time or simulated, printed or live on the screen."""
+"""`framekit run FILE`: executes a run file, in real time or simulated, with printed output or a live display."""
 
 from __future__ import annotations
 
@@ -188,8 +188,9 @@ async def _real(
 
 
 class RealRun:
-    """A run file in real time, as the command line asks for it: one run, or one after the other where files are
-    rolled out to it."""
+    """A run file in real time, with the options of the command line: one run, or several in sequence if files are
+    rolled out.
+    """
 
     def __init__(
         self, arguments: argparse.Namespace, watch: RunWatch, began_with: Watched,
@@ -203,7 +204,7 @@ class RealRun:
         self._gateway: Gateway | None = None
         self._run: AsyncRun | None = None
         self._left: int | None = None
-        """How long it is still to go on (ns); None: until it is ended."""
+        """Remaining duration (ns); None: until it is ended."""
 
     async def carry_out(self, loaded: RunModel, duration: int | None) -> Ended:
         """Run until the time is over, or SIGINT or SIGTERM arrives."""
@@ -225,7 +226,7 @@ class RealRun:
         return ended
 
     def _in_fleet(self, loaded: RunModel) -> AbstractContextManager[object]:
-        """Return the place of the run in its fleet, if it has one. Raises VerbError."""
+        """Return a context for the membership of the run in its fleet, if any. Raises VerbError."""
         if loaded.fleet is None:
             return nullcontext()
         from framekit.api.errors import RequestError
@@ -352,7 +353,7 @@ class RunWatch:
     """Watches one run as the command line asks: `begin` before it starts."""
 
     def __init__(self, arguments: argparse.Namespace) -> None:
-        """Raise WordsError."""
+        """Read the options. Raise WordsError."""
         self.capture: Path | None = arguments.capture
         self._json: bool = arguments.json
         self.quiet: bool = arguments.quiet
@@ -362,7 +363,7 @@ class RunWatch:
         begin_log(arguments.log)
 
     def begin(self, run: RunCalls, catch_up: Callable[[], None]) -> None:
-        """Ask for the times of the status; `catch_up` prints the events before."""
+        """Begin the periodic status; `catch_up` prints the earlier events."""
         self._run, self._catch_up = run, catch_up
         if self._every:
             run.each(self._every, self.show)
@@ -375,7 +376,7 @@ class RunWatch:
             self.show()
 
     def show(self) -> None:
-        """Print the status as it is now."""
+        """Print the present status."""
         from framekit.cli.run_output import status_data, status_text
 
         if self._run is None:
@@ -404,9 +405,9 @@ def controlled(run: RunCalls, line: str, stop: Callable[[], None]) -> str:
 
 
 class RunSession(LiveSession):
-    """A run; with `virtual` on simulated time that goes on as real time does. `duration` None: until it is ended.
+    """A run in the display; with `virtual` on simulated time at the speed of real time.
 
-    `controlled`: it takes control lines.
+    `duration` None: until it is ended. `controlled`: whether it accepts control lines.
     """
 
     def __init__(

@@ -178,7 +178,7 @@ async def _serve(
 
 
 async def _open(server: AsyncServer) -> None:
-    """Raise VerbError."""
+    """Open the server. Raise VerbError."""
     with in_words():
         try:
             await server.open()
@@ -189,7 +189,7 @@ async def _open(server: AsyncServer) -> None:
 
 
 def _show_status(output: ServeOutput, every: int, ended: asyncio.Event) -> None:
-    """Show the status every `every` ns (0: never), and when SIGUSR1 asks for it."""
+    """Print the status every `every` ns (0: never), and at each SIGUSR1."""
     loop = asyncio.get_running_loop()
 
     def go_on() -> None:
@@ -225,7 +225,7 @@ class ServeOutput:
         self._trouble: OSError | None = None
 
     def line(self, text: str) -> None:
-        """Print a line at once. When that can't be done, serving ends."""
+        """Print a line at once. If that fails, serving ends."""
         if self._trouble is None:
             try:
                 print(text, flush=True)
@@ -234,7 +234,7 @@ class ServeOutput:
                 self.lost()
 
     def check(self) -> None:
-        """Raise OSError when something could not be printed."""
+        """Raise OSError if a line could not be printed."""
         if self._trouble is not None:
             raise self._trouble
 
@@ -268,7 +268,7 @@ class ServeOutput:
 
 
 class TextServeOutput(ServeOutput):
-    """For people."""
+    """Output for readers, as text."""
 
     def show_ready(self) -> None:
         devices = self.server.devices
@@ -305,7 +305,7 @@ class TextServeOutput(ServeOutput):
 
 
 class JsonServeOutput(ServeOutput):
-    """One JSON object a line."""
+    """Output as JSON, one object a line."""
 
     def data(self, line: dict[str, Any]) -> None:
         self.line(json_line(line))

@@ -1,4 +1,4 @@
-"""The option `--web` of `run`, `serve` and `guess`: a page that shows them in a browser, as long as they go on."""
+"""The option `--web` of `run`, `serve` and `guess`: a page that shows them in a browser while they run."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def _no_file(text: str) -> str:
 
 
 class WebPage:
-    """The page that a command line asks for, which listens already, or none. Raises WordsError, VerbError."""
+    """The page of a command line, which already listens, or no page. Raises WordsError, VerbError."""
 
     def __init__(self, arguments: argparse.Namespace) -> None:
         self.server: WebServer | None = None
@@ -136,7 +136,7 @@ class WebPage:
 
 
 def _listening(place: str, token: str | None) -> WebServer:
-    """Return the server, which listens. Raises WordsError, VerbError."""
+    """Return the server, already listening. Raises WordsError, VerbError."""
     try:
         from framekit.web.access import Access, kept_token
         from framekit.web.server import WebServer, listening_at

@@ -1,4 +1,4 @@
-"""Writing in a thread, so that the caller does not wait; the waiting bytes are bounded."""
+"""Writing in a thread, so that the caller does not wait; the number of waiting bytes is limited."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from collections.abc import Callable
 
 
 class Behind:
-    """Hands records to `write`, in order, in a thread of its own; at most about `most` bytes wait.
+    """Passes records to `write`, in order, in a thread of its own; about `most` bytes may wait.
 
-    `error`: the OSError that `write` has raised; `on_error` is called in the thread, and later records are discarded.
+    `error`: the OSError raised by `write`; then `on_error` is called in the thread, and later records are discarded.
     """
 
     def __init__(
@@ -27,7 +27,7 @@ class Behind:
         self._thread.start()
 
     def write(self, record: bytes, *, wait: bool = False) -> bool:
-        """Add a record; False if too much waits. `wait`: wait for room instead."""
+        """Add a record; return False if too much waits. `wait`: wait for room instead."""
         with self._change:
             while wait and self._waiting >= self._most and not self._ended:
                 self._change.wait()

@@ -56,10 +56,13 @@ def _line(value: Any) -> bytes:
 
 
 class JsonReader:
-    """The events of a file with their channels. `is_cut`: the last line is not whole (its writer was killed)."""
+    """The events of a file with their channels.
+
+    `is_cut`: whether the last line is incomplete (its writer was killed).
+    """
 
     def __init__(self, lines: Iterable[bytes]) -> None:
-        """Raise CaptureError."""
+        """Read the head of a file. Raise CaptureError."""
         self.is_cut = False
         self._lines = iter(lines)
         try:
@@ -110,7 +113,7 @@ SECOND = 1_000_000_000
 
 _GLOBAL = "IHHiIII"
 GLOBAL_HEADER = struct.pack("<" + _GLOBAL, MAGIC_NANOSECONDS, 2, 4, 0, 0, 0xFFFF, LINK_TYPE)
-"""The header of a file: nanosecond times, link type 250."""
+"""Header of a file: nanosecond times, link type 250."""
 _RECORD = "IIII"
 _SERIAL = struct.Struct(">IIBBH")
 
@@ -154,14 +157,14 @@ _TYPES = {int(kind): kind for kind in EventType}
 
 
 class PcapRecords:
-    """Makes records of events; remembers the control lines. `epoch` (ns) is added to the events' times."""
+    """Makes records of events; keeps the state of the control lines. `epoch` (ns) is added to the events' times."""
 
     def __init__(self, epoch: int) -> None:
         self._epoch = epoch
         self._lines = 0
 
     def of(self, event: LineEvent) -> bytes:
-        """Return the records of an event: several where characters of it are damaged."""
+        """Return the records of an event: several if it has damaged characters."""
         at = event.at + self._epoch
         match event.kind:
             case "data":
@@ -210,13 +213,14 @@ def _cut(kind: EventType, data: bytes) -> Iterator[tuple[EventType, bytes]]:
 
 
 class PcapReader:
-    """The events of a file, times in ns since 1970. `is_cut`: the last record is not whole (its writer was killed).
+    """The events of a file, times in ns since 1970.
 
-    `order`: the byte order of records, as `struct` writes it.
+    `is_cut`: whether the last record is incomplete (its writer was killed). `order`: the byte order of records, as
+    `struct` writes it.
     """
 
     def __init__(self, file: BinaryIO) -> None:
-        """Raise CaptureError."""
+        """Read the header of a file. Raise CaptureError."""
         self.is_cut = False
         self._file = file
         head = file.read(24)
@@ -300,10 +304,13 @@ JSON_SUFFIXES = (".json", ".jsonl", ".ndjson")
 
 
 class _Sink:
-    """A file of whole records. It ends where a record cannot be written: a gap in a capture would be misread."""
+    """A file of whole records.
+
+    It ends at the first record that cannot be written: a gap in a capture would be misread.
+    """
 
     def __init__(self, path: Path, head: bytes, troubles: Troubles) -> None:
-        """Raise OSError."""
+        """Create the file and write its header. Raise OSError."""
         self.path = path
         self._lost = 0
         self._size = 0
@@ -347,14 +354,14 @@ class _Sink:
 
 
 MOST_WAITING = 8 << 20
-"""Bytes of records that may wait for a slow disk."""
+"""Largest number of bytes of records that wait for a slow disk."""
 
 
 class _LaterSink:
     """A `_Sink` that a thread writes: the caller waits for a slow disk only when too many records wait."""
 
     def __init__(self, path: Path, head: bytes, troubles: Troubles) -> None:
-        """Raise OSError."""
+        """Create the file, and begin to write it in a thread. Raise OSError."""
         self.path = path
         self._sink = _Sink(path, head, troubles)
         self._behind = Behind(self._sink.write, MOST_WAITING, f"writes {path}")
@@ -407,7 +414,7 @@ class Capture:
 
     @property
     def paths(self) -> list[Path]:
-        """Return the files."""
+        """Return the paths of the files."""
         return list(dict.fromkeys(sink.path for sink in self._sinks.values()))
 
     @property
@@ -416,7 +423,7 @@ class Capture:
         return [str(trouble) for trouble in self.troubles.present()]
 
     def around(self, channel: int, port: Port) -> Port:
-        """Return the port with everything that goes through it captured."""
+        """Return a port around `port` that captures its traffic."""
         return TappedPort(port, self._clock, partial(self._keep, channel))
 
     def around_next(self, port: Port) -> Port:
@@ -445,7 +452,7 @@ class Capture:
         self.write(channel, event)
 
     def close(self) -> None:
-        """End the files."""
+        """Complete and close the files."""
         for channel, records in self._records.items():
             self._sinks[channel].write(records.end(self._clock.now()), wait=True)
         for sink in self._sinks.values():
@@ -453,10 +460,10 @@ class Capture:
 
 
 class CaptureReader:
-    """A capture read again, whatever its format. Closed at the end of a `with`."""
+    """A capture opened for reading, in any format; closed at the end of a `with`."""
 
     def __init__(self, path: Path) -> None:
-        """Raise CaptureError."""
+        """Open a capture. Raise CaptureError."""
         self._path = path
         try:
             self._file: BinaryIO = path.open("rb")
@@ -472,12 +479,12 @@ class CaptureReader:
 
     @property
     def order(self) -> str | None:
-        """Return the byte order of the records, as `struct` writes it; None where there are none (JSON lines)."""
+        """Return the byte order of the records, as `struct` writes it; None without binary records (JSON lines)."""
         return self._reader.order if isinstance(self._reader, PcapReader) else None
 
     @property
     def is_cut(self) -> bool:
-        """Return whether the last record was not whole; known when all events have been read."""
+        """Return whether the last record was incomplete; known when all events have been read."""
         return self._reader.is_cut
 
     def events(self) -> Iterator[tuple[int, LineEvent]]:
@@ -495,12 +502,12 @@ class CaptureReader:
 
 
 HEAD, RECORD, SERIAL = 24, 16, 12
-"""Bytes of the file's header, of a record's, and of the serial line's in a record."""
+"""Sizes (bytes) of the file's header, of a record's header, and of the serial line's header in a record."""
 KIND = RECORD + 8
 
 
 def cut_of_capture(path: Path, direction: Literal["in", "out"]) -> Cut:
-    """Return the records of one direction, damaged characters by themselves. A record that is cut off is none.
+    """Return the records of one direction, damaged characters as separate records. An incomplete record is left out.
 
     Raises CaptureError.
     """
@@ -529,9 +536,10 @@ def _cut_file(data: bytes, order: str, kinds: frozenset[int]) -> Cut:
 
 
 class CaptureDecoder:
-    """Decodes one capture. `client`: the direction of the client's frames, where a channel has both directions.
+    """Decodes one capture.
 
-    `is_cut`: the last record was not whole; known when everything has been read.
+    `client`: the direction of the client's frames, if a channel has both directions. `is_cut`: whether the last record
+    was incomplete; known when everything has been read.
     """
 
     def __init__(
@@ -579,7 +587,7 @@ class CaptureDecoder:
         )
 
     def seen(self) -> Iterator[tuple[int, Seen]]:
-        """Return channels and events, in the order of time (ns since 1970) on each channel. Raises CaptureError."""
+        """Yield channels and events, in the order of time (ns since 1970) on each channel. Raises CaptureError."""
         with CaptureReader(self._path) as reader:
             for channel, event in reader.events():
                 self._take(channel, event)

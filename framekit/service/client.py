@@ -32,7 +32,7 @@ MOST_FRAMES = 1000
 """Largest number of received frames kept for later calls."""
 
 Begin = Callable[[Client, int, Done], Transfer]
-"""Starts a transfer of a client at a time (ns), with a function to be called at its end."""
+"""Function that starts a transfer of a client at a time (ns), with a callback for its end."""
 StateChanged = Callable[[bool, str], None]
 """Callback for the state of the port: whether it is open, and why not."""
 
@@ -40,8 +40,9 @@ StateChanged = Callable[[bool, str], None]
 class ClientService:
     """A client on a port. Raises ParameterError for parameters that do not fit, KeyError for an unknown role.
 
-    `role` None: frames alone. `memory` is its own, for protocols in which the other side asks as well. `frames` are
-    those that came and that no call waited for, the oldest first; `lost_frames` counts those there was no room for.
+    `role` None: frames without exchanges. `memory`: its own memory, for protocols in which the other side also sends
+    requests. `frames`: received frames that no call waited for, oldest first; `lost_frames`: number of frames dropped
+    because of lack of room.
     """
 
     def __init__(
@@ -90,7 +91,7 @@ class ClientService:
 
     @property
     def is_open(self) -> bool:
-        """Return whether requests can go out now."""
+        """Return whether requests can be sent now."""
         return self.driver.is_open
 
     def start(self) -> None:
@@ -106,7 +107,7 @@ class ClientService:
 
     @property
     def has_session(self) -> bool:
-        """Return whether one may have to be closed before `stop`."""
+        """Return whether a session may have to be closed before `stop`."""
         return self.engine.has_session and self.is_open
 
     def close_session(self, done: Callable[[], None]) -> None:
@@ -180,7 +181,7 @@ class ClientService:
             self._on_frame()
 
     def take_frame(self, names: tuple[str, ...]) -> FrameValue | None:
-        """Return the oldest frame of these names (of any, if there are none) that has not been taken."""
+        """Return the oldest frame of these names (of any, without names) that was not taken; None if no frame waits."""
         for frame in self.frames:
             if not names or frame.frame in names:
                 self.frames.remove(frame)

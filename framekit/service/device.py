@@ -136,7 +136,7 @@ class DeviceStore:
             self._alarm.cancel()
 
     def refresh(self) -> None:
-        """Bring these bits up to date; they do not move before `begin`."""
+        """Bring the bits that the memory sets by itself up to date; they do not move before `begin`."""
         if self.system is not None and self._begun:
             self.system.update(self.clock.now())
 
@@ -144,7 +144,7 @@ class DeviceStore:
 def stores_of(
     devices: Sequence[Device | DeviceStore], clock: Clock, of_line: FaultPlan | None = None
 ) -> list[DeviceStore]:
-    """Return a store for every device that has none yet; a device over two protocols has one memory."""
+    """Return a store for every device without one; a device over two protocols has one memory."""
     stores: list[DeviceStore] = []
     known: dict[str, AddressedMemory] = {}
     for one in devices:
@@ -238,7 +238,10 @@ SIMULATED = "sim:"
 
 
 def devices_of(channel: Channel, folder: Path) -> list[Device]:
-    """Return the simulated devices a channel's port names; none for a real port. Raises DefinitionError."""
+    """Return the simulated devices that a channel's port names; an empty tuple for a real port.
+
+    Raises DefinitionError.
+    """
     if not channel.port.startswith(SIMULATED):
         return []
     problems: list[Problem] = []
@@ -310,7 +313,7 @@ def port_for(channel: Channel, devices: list[Device], clock: Clock) -> tuple[Por
 
 
 def _echo(transmission: Transmission) -> None:
-    """Let the adapter of the channel hear its own transmissions."""
+    """Make the adapter of the channel receive its own transmissions."""
     transmission.echo = True
 
 
@@ -329,7 +332,7 @@ ServingMonitor = Callable[[str, int, Seen], None]
 """Gets each record: the name of the port, the number of the device that made it, and the record."""
 
 MOST_CONNECTIONS = 256
-"""At once; one more is closed as soon as it is made."""
+"""Largest number of connections at once; a further connection is closed at once."""
 
 MOST_STRANGERS = 256
 """Largest number of refused addresses that are logged, each once."""
@@ -462,9 +465,9 @@ class Serving:
             log.warning(what, host)
 
     def _has_room(self, port: AcceptedPort) -> bool:
-        """Return whether one more may be served.
+        """Return whether a further connection may be served.
 
-        A sender of datagrams never ends by itself: it takes an older one's place.
+        A sender of datagrams never ends by itself: a new sender takes the place of an old one.
         """
         in_the_way = [one for one, host in self._hosts.items() if host == port.host]
         if len(in_the_way) < self.limits.per_address:

@@ -30,13 +30,13 @@ class LineLoad:
         self._sampled = self._before = self._counted = 0
 
     def change(self, line: LineFormat) -> None:
-        """Note that the line has another speed or format from now on."""
+        """Note another speed or format of the line from now on."""
         self._before, self._counted = self._busy, self.bytes
         self.character_time = line.character_time
 
     @property
     def _busy(self) -> int:
-        """Return the time that the line was busy (ns)."""
+        """Return the time for which the line was busy (ns)."""
         return self._before + (self.bytes - self._counted) * self.character_time
 
     def begin(self, now: int) -> None:
@@ -50,11 +50,13 @@ class LineLoad:
         return self.bytes_in + self.bytes_out
 
     def share(self, now: int) -> float | None:
-        """Return the part of the time since the beginning that the line was busy (0 to 1); None without a speed."""
+        """Return the share of the time since the beginning for which the line was busy (0 to 1); None without a
+        speed.
+        """
         return self._share(self._busy, now - self.began)
 
     def since_last(self, now: int) -> float | None:
-        """Return the part of the time since the last call that the line was busy."""
+        """Return the share of the time since the last call for which the line was busy; None without a speed."""
         busy = self._busy
         found = self._share(busy - self._sampled, now - self._sampled_at)
         self._sampled_at, self._sampled = now, busy
@@ -67,7 +69,7 @@ class LineLoad:
 
 
 TIMED = Send, Break
-"""The commands that may have to wait until a time."""
+"""Commands that may have to wait until a time."""
 
 FIRST_RETRY, LONGEST_RETRY = 500_000_000, 30_000_000_000
 

@@ -21,7 +21,7 @@ from framekit.transport.simulated_line import SimulatedPort, Transmission, hits,
 AWAY = 1_000_000_000
 """Default duration of a disconnection (ns)."""
 NOT_OF_FRAMES = (*LINE_KINDS, "echo", "error_reply")
-"""Kinds that are not done to the bytes of a frame that is sent."""
+"""Kinds of faults that do not change the bytes of a sent frame."""
 LONGEST_NOISE = 4
 """Largest number of bytes that a rule without a number adds."""
 
@@ -88,7 +88,7 @@ class FaultInjector:
         self.injected[kind] += 1
 
     def happens(self, kind: str, frame: str | None = None) -> FaultRule | None:
-        """Return the first rule of a kind that hits now."""
+        """Return the first rule of a kind that applies now, and count it."""
         for rule in self.of(kind):
             if rule.fits(self.time, frame) and rule.hits():
                 self.note(kind)
@@ -184,7 +184,7 @@ class FaultInjector:
 
 
 class RuleAtWork:
-    """A rule with its chance and its counters."""
+    """A rule with its random numbers and its counters."""
 
     def __init__(self, model: FaultRule, random: Random) -> None:
         self.model = model
@@ -193,7 +193,7 @@ class RuleAtWork:
         self.done = 0
 
     def fits(self, time: int, frame: str | None) -> bool:
-        """Return whether it concerns a frame at a time of the plan."""
+        """Return whether the rule applies to a frame at a time of the plan."""
         model = self.model
         return model.begin <= time < model.end and (model.frame is None or model.frame == frame)
 

@@ -102,7 +102,7 @@ class _Play:
 
 
 def _only_cycles(block: Block, period: int, others: set[int]) -> Block:
-    """Return the block without triggers that ask for memory; a clock bit is a cycle."""
+    """Return the block with cycles only: without triggers that depend on memory; a clock bit counts as a cycle."""
     kept = [
         trigger
         for trigger in block.triggers
@@ -113,7 +113,7 @@ def _only_cycles(block: Block, period: int, others: set[int]) -> Block:
 
 
 def _follows(block: Block, number: int, ok: bool) -> int | None:
-    """Return the id of the block whose good end this one waits for: it is in the same set."""
+    """Return the id of the block of the same set whose success this one waits for; None if it waits for none."""
     return BLOCKS_IN_SET * (block.set - 1) + number if ok else None
 
 
@@ -149,14 +149,17 @@ class BlockLoad:
 
     @property
     def busy(self) -> float:
-        """Return the part of the channel's time this block wants; 0 when it is not known how often it starts."""
+        """Return the share of the channel's time that this block requires; 0 if its period is unknown."""
         return self.cost.duration / self.period if self.period else 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class ChannelLoad:
-    """All blocks of a channel. `busy` is the part of its time that the cycles want, `line` the part with bytes on
-    the wire; None where there is no line speed."""
+    """All blocks of a channel.
+
+    `busy`: share of the channel's time that the cycles require; `line`: share of the time with bytes on the wire, None
+    without a line speed.
+    """
 
     channel: Channel
     blocks: tuple[BlockLoad, ...]
@@ -179,7 +182,7 @@ class ChannelLoad:
 
 
 def channel_loads(run: RunModel, costs: Mapping[BlockKey, Cost]) -> tuple[ChannelLoad, ...]:
-    """Return the load of each channel of a run, without channels and blocks that are switched off."""
+    """Return the load of each channel of a run, without channels and blocks that are disabled."""
     periods = Periods(run)
     found = []
     for channel in (one for one in run.channels.values() if one.enabled):
@@ -208,7 +211,7 @@ class Periods:
         self.done_bits = dict(self._done_bits(run)) if run.status else {}
 
     def _done_bits(self, run: RunModel) -> Iterator[tuple[tuple[str, int], BlockKey]]:
-        """Yield the bits in memory that pulse when a block ends well."""
+        """Yield the bits in memory that pulse when a block succeeds."""
         for section in run.memory.flags.values():
             item = section.items.get("done")
             if item is None or item.bit is None:
@@ -218,7 +221,7 @@ class Periods:
                     yield (section.area, 16 * (section.base(*key) + item.word) + item.bit), key
 
     def of(self, block: Block) -> int | None:
-        """Return the shortest period (ns) of its triggers; None when none has one."""
+        """Return the shortest period (ns) of its triggers; None if unknown."""
         return self._of(block, frozenset())
 
     def _of(self, block: Block, seen: frozenset[BlockKey]) -> int | None:
@@ -227,13 +230,13 @@ class Periods:
         return min((period for trigger in block.triggers for period in trigger.periods(known)), default=None)
 
     def behind(self, key: BlockKey, seen: frozenset[BlockKey]) -> Iterator[int]:
-        """Yield the period of another block that this one follows."""
+        """Yield the period of another block that this block follows."""
         period = self._of(self.blocks[key], seen) if key in self.blocks and key not in seen else None
         if period is not None:
             yield period
 
     def rising(self, condition: Expression, seen: frozenset[BlockKey]) -> list[int]:
-        """Return the clock or the end of a block whose bit is the condition, or part of it: it rises no more often."""
+        """Return the period of the clock, or of the block, whose bit the condition contains: it rises no more often."""
         try:
             places = Condition(condition, self.grammar.parse).addresses.values()
         except AddressError:
@@ -294,7 +297,7 @@ def _todo(load: ChannelLoad, one: BlockLoad) -> str:
 
 
 LONGEST = 3_600_000_000_000
-"""An exchange that has not ended after an hour never will."""
+"""Time limit of an exchange (ns): after an hour it counts as endless."""
 
 OWN = "own"
 
@@ -321,7 +324,7 @@ def key(block: Block) -> BlockKey:
 
 
 def arriving(channel: Channel, block: Block) -> Cost:
-    """Return a frame that comes by itself: it is not asked for, it only takes its time on the line."""
+    """Return the cost of an unsolicited frame: only its time on the line."""
     codec = compile_protocol(channel.protocol)
     assert block.frame is not None
     scope = Scope(channel.protocol, role=channel.role, own=channel.own, line=channel.line, params=channel.params)
@@ -334,7 +337,7 @@ def arriving(channel: Channel, block: Block) -> Cost:
 
 
 class SimulatedChannel:
-    """One channel with servers for the stations that its blocks talk to, on a clock of its own."""
+    """One channel with servers for the stations of its blocks, on a clock of its own."""
 
     def __init__(self, run: RunModel, channel: Channel, blocks: Iterable[Block]) -> None:
         self.channel = channel
@@ -360,7 +363,7 @@ class SimulatedChannel:
     # ---- the other side -----------------------------------------------------------------------------------
 
     def _with_station(self, block: Block) -> Block:
-        """Return the block with a station that does not change: the one in memory now, or else the first there is."""
+        """Return the block with a constant station: the present one in memory, or else the first possible."""
         if block.station_from is None:
             return block
         try:

@@ -55,12 +55,12 @@ ResolveHost = Callable[[str, Found], None]
 
 
 def resolver_for(clock: Clock) -> ResolveHost:
-    """Return the system's resolver on a real clock; on any other one no name is known."""
+    """Return the system's resolver on a real clock; on any other clock no name is known."""
     return SystemResolver(clock) if isinstance(clock, AsyncioClock) else lambda name, found: found([])
 
 
 class SystemResolver:
-    """Asks the system in a thread of the loop; answers come in callbacks of the clock."""
+    """Asks the system in a thread of the loop; answers arrive in callbacks of the clock."""
 
     def __init__(self, clock: AsyncioClock) -> None:
         self._clock = clock
@@ -101,7 +101,7 @@ class ChannelOpener(Interface):
 
 
 class HostChannels:
-    """Finds ways to hosts. `in_use`: whether a job is on a channel, or waits for it."""
+    """Finds channels to hosts. `in_use`: whether a job uses a channel, or waits for it."""
 
     def __init__(
         self,
@@ -166,13 +166,13 @@ class HostChannels:
         way(number, "no_channel")
 
     def open_now(self) -> None:
-        """Open the channel that leads to every host, before a job wants it. Raises ValueError."""
+        """Open the channel that leads to every host, before a job requests it. Raises ValueError."""
         opening = self._section.opening
         if opening is not None and opening.leads_anywhere:
             self._open("")
 
     def _open(self, address: str) -> int | None:
-        """Return a channel to an address, where the run allows one more; None where not. Raises ValueError."""
+        """Return a channel to an address if the run allows a further channel; else None. Raises ValueError."""
         opening = self._section.opening
         if opening is None:
             return None
@@ -319,7 +319,7 @@ class JobService:
         return self._records
 
     def take_words(self, data: bytes, application: Protocol, number: int | None) -> None:
-        """Carry out the command that begins with these bytes. Raises CommandFaultError when they are none."""
+        """Carry out the command that begins with these bytes. Raises CommandFaultError if the bytes are no command."""
         command, refusal = self._reader(application).read(data, number)
         self.table.take(command, self.clock.now(), refusal)
         self._wake()
@@ -338,7 +338,7 @@ class JobService:
         )
 
     def _uses(self, number: int) -> bool:
-        """Return whether a job is on a channel, or waits for it."""
+        """Return whether a job uses a channel, or waits for it."""
         slots = self.table.slots
         return any(slots[slot].active for slot, channel in self._channel_of.items() if channel == number)
 
@@ -385,7 +385,7 @@ class JobService:
         self._wake()
 
     def give_up(self, blocks: Container[int]) -> None:
-        """End the jobs that these blocks have established."""
+        """End the jobs that these blocks have started."""
         self.table.give_up(blocks, self.clock.now())
         self._wake()
 
@@ -458,7 +458,7 @@ class JobService:
         return True
 
     def write_bits(self, bits: tuple[int, ...]) -> None:
-        """Put the status bits into the own memory, also where others may not write."""
+        """Write the status bits to the own memory, also if clients may not write there."""
         place = self.section.status
         if place is None:
             return
@@ -533,7 +533,7 @@ class JobLine(ChannelOwner):
 
     @property
     def active(self) -> bool:
-        """Return whether a job is at work."""
+        """Return whether a job is active."""
         return any(slot.active for slot in self.table.slots.values())
 
     def carry_out(self, data: bytes, ended: Ended) -> None:

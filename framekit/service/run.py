@@ -119,13 +119,13 @@ class _Prepared:
 
 
 OnChannel = Callable[[int, ChannelService], None]
-"""Gets a channel that an edit has brought or changed, before it is opened."""
+"""Callback for a channel that an edit added or changed, before it is opened."""
 
 
 class RunService(ChannelOwner):
-    """Carries a run out. `resolve` finds hosts that jobs name; default: the system's way.
+    """Executes a run. `resolve` finds hosts that jobs name; default: the system's resolver.
 
-    Raises DefinitionError when a device file is wrong, ValueError for a port of no known kind.
+    Raises DefinitionError for a wrong device file, ValueError for a port of no known kind.
     """
 
     def __init__(
@@ -200,7 +200,7 @@ class RunService(ChannelOwner):
         return keeper
 
     def _kept_blocks(self) -> list[BlockState]:
-        """Return the blocks whose counters outlast a restart: those that a file numbers."""
+        """Return the blocks whose counters outlast a restart: those with a number in the file."""
         return [state for state in self.states.values() if state.block.set != POINTS_SET]
 
     @property
@@ -215,7 +215,7 @@ class RunService(ChannelOwner):
         return self.grammar.parse(text)
 
     def _awaited(self) -> set[tuple[str, int]]:
-        """Return the bits that triggers and points of the own memory look at."""
+        """Return the bits that triggers and points of the own memory depend on."""
         places = ((point.place.address, point.bits) for point in self.run.points if point.channel is None)
         shown = {(place.area, place.first_bit + bit) for place, bits in places for bit in range(bits)}
         return awaited_bits(self.run.triggers, self.resolve) | shown
@@ -291,7 +291,7 @@ class RunService(ChannelOwner):
             self.jobs.opened(channel, is_open)
 
     def takes(self, block: int) -> Block | None:
-        """Return a RECEIVE block with its settings as they are now; None when it takes no frame now."""
+        """Return a RECEIVE block with its present settings; None if it accepts no frame now."""
         self.refresh()
         if not self.scheduler.takes(block):
             return None
@@ -405,7 +405,7 @@ class RunService(ChannelOwner):
         self._bits_first = self._looks_at_bits(awaited)
 
     def fire(self, number: int) -> None:
-        """Make a block due by hand. Raises ValueError for a number there is not, and for a block that receives."""
+        """Make a block due by hand. Raises ValueError for an unknown number, and for a block that receives."""
         self.check_fired(number)
         self.refresh()
         self.scheduler.fire(number, self.clock.now())
@@ -464,7 +464,7 @@ class RunService(ChannelOwner):
 
     @property
     def states(self) -> dict[int, BlockState]:
-        """Return the blocks at work, with their counters, by their ids: numbers in set 1, 64 more for each further
+        """Return the running blocks, with their counters, by their ids: numbers in set 1, 64 more for each further
         set.
         """
         return self.scheduler.states
@@ -498,7 +498,7 @@ class RunService(ChannelOwner):
             self.system.update(self.clock.now())
 
     def _act(self, now: int) -> None:
-        """Do everything that is due. Bits that no block looks at change after the blocks have started."""
+        """Do everything that is due. Bits that no block depends on change after the blocks have started."""
         bits_first = self._bits_first
         if bits_first:
             self._show_bits(now)
@@ -520,7 +520,7 @@ class RunService(ChannelOwner):
             self._words.tick(now)
 
     def _looks_at_bits(self, awaited: Iterable[tuple[str, int]]) -> bool:
-        """Return whether anything in the run may look at bits that the memory sets by itself, or at words of blocks."""
+        """Return whether the run may read bits that the memory sets by itself, or words of blocks."""
         areas = self.system.areas | self.block_memory.areas
         if self.jobs is not None or any(self.memory.area(area).name in areas for area, _ in awaited):
             return True
@@ -534,7 +534,7 @@ class RunService(ChannelOwner):
         return False
 
     def _next_time(self) -> int:
-        """Return when something is due next; 0: now."""
+        """Return the time of the next work (ns); 0: now."""
         due, bits, words = self.scheduler.deadline, self.system.due, self._words.deadline
         if bits < due:
             due = bits
@@ -633,7 +633,7 @@ def run_status(service: RunService) -> RunStatus:
 
 
 def _stations(service: RunService) -> Iterator[StationStatus]:
-    """Yield the stations that blocks talk to, as their settings are now, in the order of the blocks."""
+    """Yield the stations of blocks, by their present settings, in the order of the blocks."""
     found: dict[tuple[int, Hashable], list[BlockState]] = {}
     for state in service.states.values():
         station = service.exchanges.station_of(state)

@@ -1,4 +1,4 @@
-"""The moments at which a run acts: at once when blocks have come due, by a timer when they are due later."""
+"""The loop of a run: it acts at once when blocks have come due, by a timer when they come due later."""
 
 from __future__ import annotations
 
@@ -9,21 +9,24 @@ from framekit.transport.clock import Clock
 
 
 class RunLoop:
-    """Call `act(now)` when something is due, between `start` and `stop`. `next_time()` returns when that is; 0: now."""
+    """Calls `act(now)` when work is due, between `start` and `stop`.
+
+    `next_time()` returns the time of the next work; 0: now.
+    """
 
     def __init__(self, clock: Clock, act: Callable[[int], None], next_time: Callable[[], int]) -> None:
         self.clock = clock
         self.inside = False
-        """An event is being handled; its source calls `end` afterwards."""
+        """Whether an event is being handled; its source calls `end` afterwards."""
         self._now = clock.now
         self._act = act
         self._next_time = next_time
         self._ask_soon = clock.bell(self._beat)
         self._alarm = clock.alarm(self._beat)
         self._woken = False
-        """A call of `act` is coming, or under way."""
+        """Whether a call of `act` is scheduled, or in progress."""
         self._moved = False
-        """The timer has to be set anew at the end of the event."""
+        """Whether the timer must be set at the end of the event."""
         self._running = False
 
     def start(self) -> None:
@@ -36,7 +39,7 @@ class RunLoop:
         self._alarm.cancel()
 
     def wake(self) -> None:
-        """Ask for a call soon: something came due between two calls."""
+        """Request a call soon: a block came due between two calls."""
         if not self._woken and self._running:
             self._woken = True
             if not self.inside:

@@ -35,10 +35,10 @@ log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 LONGEST_ANSWER = 2.0
-"""Seconds within which a run answers a sink."""
+"""Time limit for the answer of a run to a sink (s)."""
 
 MOST_COMMANDS = 1_000
-"""Values of sinks that wait to be written at most."""
+"""Largest number of values from sinks that wait to be written."""
 
 LONGEST_WAIT = 30.0
 AT_END = 5.0
@@ -162,7 +162,7 @@ class SinkFeeder:
         self._written = 0
         self._refused = Dropped()
         self._lost_server = ""
-        """Why the sink has to be opened anew; empty: it does not."""
+        """Reason why the sink must be opened again; '' if it need not."""
         store = Store(Path(kind.store), kind.most) if isinstance(kind, NetworkSink) else None
         self._most = MOST_WAITING if store is None else store.most
         self._is_stored = store is not None
@@ -177,7 +177,7 @@ class SinkFeeder:
         self._waiting = Waiting(store, threaded, self._change, self._store_state, self._overflows)
 
     def _count(self) -> Count:
-        """Return how many samples wait, and which are lost."""
+        """Return the numbers of waiting and of lost samples."""
         count, refused = self._waiting.count, self._refused
         points = Counter(count.points) + refused.points.copy()
         return Count(count.waiting, count.lost + refused.samples, points)
@@ -208,7 +208,7 @@ class SinkFeeder:
             raise OpenError(_in_words(error)) from None
 
     def abandon(self) -> None:
-        """Close all that `open` opened."""
+        """Close everything that `open` opened."""
         self._close()
         self._waiting.close()
 
@@ -290,7 +290,7 @@ class SinkFeeder:
         self._close()
 
     def _feed(self) -> bool:
-        """Give the waiting samples to the sink; False when it has failed."""
+        """Pass the waiting samples to the sink; return False if it has failed."""
         while True:
             start, samples = self._waiting.first(AT_ONCE)
             if self._is_stored:  # an earlier run may have had other points

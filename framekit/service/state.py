@@ -89,7 +89,7 @@ class StateFile:
         self.run = run
         self.shape = shape
         self.was_empty = False
-        """The file existed without content: a loss of power may have emptied it."""
+        """Whether the file existed without content: a loss of power may have emptied it."""
         self._written: dict[str, bytes] = {}
         with self._errors():
             real = Path(os.path.realpath(path))
@@ -235,13 +235,13 @@ class StateFile:
 
 
 def _changed(before: bytes | None, now: bytes) -> Iterable[int]:
-    """Return the offsets of the pages that differ; of a new area, those that are not all 0."""
+    """Return the offsets of the changed pages; of a new area, those that are not all 0."""
     before = bytes(len(now)) if before is None else before
     return [at for at in range(0, len(now), PAGE) if before[at : at + PAGE] != now[at : at + PAGE]]
 
 
 Words = tuple[str, int, int]
-"""An area, a word of it, and how many from there on."""
+"""An area, a word of it, and a number of words from there on."""
 
 
 class StateKeeper:
@@ -278,7 +278,7 @@ class StateKeeper:
     def restore(self, words_of_blocks: Iterable[Words]) -> None:
         """Restore memory, except these words, and the counters of unchanged blocks.
 
-        An exchange that was under way when the file was written counts as failed, `interrupted`.
+        An exchange in progress when the file was written counts as failed, `interrupted`.
         """
         kept = self.file.kept
         spared = [(area, first, self.memory.read(area, "word", first, count)) for area, first, count in words_of_blocks]
@@ -292,7 +292,7 @@ class StateKeeper:
                 put_back(state, found)
 
     def _content(self, state: BlockState) -> str:
-        """Return the fingerprint of a block, worked out once."""
+        """Return the fingerprint of a block, computed once."""
         known = self._contents.get(id(state.block))
         if known is None:
             known = self._contents[id(state.block)] = (state.block, fingerprint(state.block))

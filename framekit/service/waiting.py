@@ -17,7 +17,7 @@ from framekit.sinks.base import Sampled
 from framekit.sinks.store import MOST_WAITING, Store, StoreError
 
 AT_ONCE = 1_000
-"""Samples that are passed on together at most."""
+"""Largest number of samples passed on together."""
 
 RETRY = 1.0
 LONGEST_FLIGHT = 30.0
@@ -112,7 +112,7 @@ class Waiting:
 
     @property
     def count(self) -> Count:
-        """Return how many samples wait, and which were dropped."""
+        """Return the numbers of waiting and of dropped samples."""
         dropped = [self._memory.dropped, *([] if self._store is None else [self._store.dropped])]
         points = dropped[0].points.copy()
         for other in dropped[1:]:
@@ -164,7 +164,7 @@ class Waiting:
             return start, samples
 
     def done(self, start: int, number: int) -> None:
-        """Remove `number` samples from `start` on, which the sink has taken."""
+        """Remove `number` samples from `start` on, which the sink has accepted."""
         store = self._store
         if store is None or self._in_flight:
             self._memory.done(start, number)

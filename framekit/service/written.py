@@ -74,7 +74,7 @@ def _shown(unit: AreaUnit, data: bytes, count: int) -> str:
 
 
 def _value(value: Any) -> str:
-    """Return a value of a variable, not longer than a line."""
+    """Return a value of a variable as text, limited to a line."""
     if value is None:
         return "nothing"
     if isinstance(value, bytes):

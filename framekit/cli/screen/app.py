@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 MOST_ROWS = 500
-"""Frames in the table at once; older ones are found again by a filter."""
+"""Largest number of frames in the table; a filter finds older frames again."""
 DRAW_EVERY = 0.1
 STATUS_EVERY = 10
 """Channels and blocks are drawn at every tenth time."""

@@ -37,7 +37,7 @@ class LiveSession:
 
     @property
     def is_over(self) -> bool:
-        """Return whether its time is up, or it could not go on."""
+        """Return whether its time is over, or it has failed."""
         late = self.duration is not None and self.view is not None and self.view.elapsed >= self.duration
         return late or self.failure is not None
 
