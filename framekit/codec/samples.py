@@ -49,7 +49,9 @@ class Hints:
     least: int | None = None
     most: int | None = None
     allowed: list[Any] | None = None
+    """The allowed values; None for any."""
     denied: set[Any] = field(default_factory=set)
+    """The forbidden values."""
     letters: dict[int, list[str]] = field(default_factory=dict)
     """Position in the text → letters that are possible there."""
     rest: tuple[int, str] | None = None
@@ -173,6 +175,7 @@ def _conditions(segments: Iterable[Segment]) -> Iterator[Node]:
 
 
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789%"
+"""The characters of texts without restrictions."""
 LARGEST = 600
 """Bytes or items of one value; larger values show no further difference."""
 
@@ -180,9 +183,10 @@ MOST_ITEMS = 20_000
 """Items of lists in all samples of a frame together."""
 
 SHOWN = 24
-"""Bytes of a sample that a message shows."""
+"""Number of bytes of a sample in a message."""
 
 DEEPEST = 6
+"""Limit of the nesting depth of records and inner frames."""
 _LEFT_OUT: Any = object()
 _GIVEN = (model.Field, model.Data, model.Value)
 """Segments that a condition may read although they follow it: their values are given."""
@@ -350,7 +354,7 @@ class _Record:
         if segment is None and self.outer is not None:
             return self.outer[name]
         if segment is None:
-            with suppress(KeyError):  # what looks names up elsewhere need not hold them
+            with suppress(KeyError):  # a context may lack names that expressions read elsewhere
                 return self.sampler.context[name]
         raise MissingName(name)
 
@@ -408,7 +412,7 @@ class _Record:
             if segment.when is not None and not self._holds(segment.when):
                 continue
             if segment.name in self.given:
-                continue  # a condition before it has asked for it
+                continue  # an earlier condition has read it
             match segment:
                 case Segment(is_there_inside=True):
                     self._all(segment.usual_block)

@@ -34,7 +34,7 @@ Behind = tuple[tuple[Segment, Scope], ...]
 def write_diagnosis(
     module: Module, identifier: str, name: str, segments: tuple[Segment, ...], frame: Frame | None
 ) -> Source:
-    """The source of `diagnose_…` of a frame or a layout."""
+    """Return the source of `diagnose_…` of a frame or a layout."""
     writer = DiagnosisWriter(module, segments)
     body = Source()
     surplus = frame.surplus if frame is not None else None
@@ -59,7 +59,7 @@ def write_diagnosis(
 
 
 def checks_option(segments: tuple[Segment, ...]) -> str:
-    """Says that there are check codes in a part."""
+    """Return the argument that marks a part with check codes; empty for none."""
     there = any(isinstance(segment, Check) and segment.verify == "error" for segment in everything(segments))
     return ", checks=True" if there else ""
 
@@ -73,21 +73,22 @@ class Comparison:
 
 
 class DiagnosisWriter(FunctionWriter):
-    """Writes the calls of one careful function."""
+    """Write the calls of a careful function."""
 
     def __init__(self, module: Module, segments: tuple[Segment, ...]) -> None:
         super().__init__(module, segments)
         self.deferred: list[Comparison] = []
         self.passed: set[str] = set()
         """The paths of the segments whose calls have been written, and of their values."""
-        self.in_item = False  # of a list: what follows is the next item, not the end of the buffer
+        self.in_item = False
+        """Whether a list item is read, which is followed by the next item instead of the end of the buffer."""
         self.late_checks: list[str] = []
         self.read_entries: set[int] = set()
         self.asked_by_name = names_asked_for(segments)
         self.asked_for = self._asked_for()
 
     def _asked_for(self) -> set[str]:
-        """The paths of segments that a check or a length means."""
+        """Return the paths of segments that a check or a length refers to."""
         found: set[str] = set()
         for segment in everything(self.segments):
             if isinstance(segment, Check):
@@ -99,7 +100,7 @@ class DiagnosisWriter(FunctionWriter):
     # ---- texts --------------------------------------------------------------------------------------------
 
     def ask(self, what: int | Expression | str, scope: Scope, factor: str = "") -> str:
-        """A number, or a function of `n` that gives it; `rest` is None."""
+        """Return a number, or a function of `n` that computes it; None for `rest`."""
         if what == "rest":
             return "None"
         if isinstance(what, int):
@@ -118,7 +119,7 @@ class DiagnosisWriter(FunctionWriter):
         return "lambda n: " + " + ".join([*([str(fixed)] if fixed else []), *parts])
 
     def knows_behind(self, after: Behind) -> bool:
-        """Whether the bytes that follow can be counted already."""
+        """Return whether the size of the following bytes is already known."""
         return not self.in_item and all(
             self.static.present(segment).fixed is not None and self._is_told(segment, scope)
             for segment, scope in self._in_place_of_records(after)
@@ -131,7 +132,7 @@ class DiagnosisWriter(FunctionWriter):
         return all(id(entry) in self.read_entries for entry in entries)
 
     def _in_place_of_records(self, after: Behind) -> Iterator[tuple[Segment, Scope]]:
-        """The segments with those of records that are always there in place of these."""
+        """Yield the segments with those of unconditional records inlined."""
         for segment, scope in after:
             if segment.is_record and segment.when is None:
                 inside = inside_of(scope, segment.value_names[0])
@@ -144,7 +145,7 @@ class DiagnosisWriter(FunctionWriter):
         return f"lambda n: n.end - n.data.index({bytes_literal(data)}, n.at, n.end)"
 
     def named(self, segment: Segment) -> str:
-        """A segment's name as the careful functions know it: its kind, if it has no name and is not asked for."""
+        """Return the name of a segment in the careful functions: its kind if it has no name and no reference."""
         name = segment.name or ""
         if name and (not name.startswith("_") or segment.path in self.asked_for):
             return quoted(name)
@@ -157,7 +158,7 @@ class DiagnosisWriter(FunctionWriter):
     # ---- names --------------------------------------------------------------------------------------------
 
     def parse(self, type_: FieldType, number: Field | Length | Count | None = None) -> str:
-        """A function from the bytes on the wire to the value."""
+        """Return a function from the encoded bytes to the value."""
         wire = forms.parse(self.module, type_, "raw")
         if number is None or not forms.changes_value(number):
             return f"lambda raw: {wire}"
@@ -225,7 +226,7 @@ class DiagnosisWriter(FunctionWriter):
             self.deferred = outside + self.deferred
 
     def later(self, line: str, segment: Segment, *needed: str | Expression) -> None:
-        """Write a call of a segment after the siblings it names, and what its expressions read, have been read."""
+        """Defer a call of a segment until the named siblings, and the names its expressions read, have been read."""
         self.deferred.append(Comparison(line, paths_read(segment, self.all_paths, *needed)))
 
     def finish(self, *, all_is_read: bool) -> None:
@@ -297,14 +298,14 @@ class DiagnosisWriter(FunctionWriter):
     # ---- segments with others inside ----------------------------------------------------------------------
 
     def declare(self, segments: Iterable[Segment], scope: Scope) -> None:
-        """Every field of a list by `n["name"]`."""
+        """Declare the fields of a list, which are read as `n["name"]`."""
         for segment in segments:
             for block in segment.blocks:
                 self.declare(block, scope)
             kind_of(segment).declare(self, segment, scope)
 
     def _segment(self, segment: Segment, scope: Scope, behind: Behind) -> None:
-        """The calls of a segment that is there."""
+        """Write the calls of a present segment."""
         kind_of(segment).diagnose(self, segment, scope, behind)
 
     def behind_option(self, needed: bool, behind: Behind) -> str:
@@ -313,7 +314,7 @@ class DiagnosisWriter(FunctionWriter):
 
 
 def inside_of(scope: Scope, name: str) -> Scope:
-    """The names inside a record or a list."""
+    """Return the names inside a record or a list."""
     entry = scope.find(name)
     assert entry is not None and entry.inside is not None
     return entry.inside
@@ -325,7 +326,7 @@ def _without(names: str, records: str) -> str:
 
 
 def _records_in(segment: Segment) -> Iterator[str]:
-    """The name of a record, and of those in it as `outer.inner`; no name for any other segment."""
+    """Yield the name of a record, and those of its inner records as `outer.inner`; no name for any other segment."""
     if segment.is_record and segment.name is not None:
         yield segment.name
         for inside in flat(segment.members):

@@ -1,4 +1,4 @@
-"""A whole module: header, constants, the functions of every frame and layout, helpers, tables."""
+"""Write a whole module: header, constants, the functions of every frame and layout, helpers, tables."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from framekit.definition.model.segments import Check, Choose, Length, Segment
 
 
 def default_values(protocol: Protocol, names: Iterable[str]) -> dict[str, Any]:
-    """Start values of the named parameters and variables, as far as they are constants."""
+    """Return the constant start values of the named parameters and variables."""
     known = start_values(protocol)
     return {name: known[name] for name in sorted(names) if name in known and name not in protocol.tables}
 
@@ -41,6 +41,7 @@ MISMATCHES = "MISMATCHES = (ValueError, LookupError, TypeError, ArithmeticError,
 """The line with the errors that functions raise for data that do not fit; `struct_error` is `struct.error`."""
 
 _MADE = "RangeTable("
+"""The beginning of tables that need a helper."""
 MEASURE_NOTE = """\
 `measure_…(data, start, end)` tells how long the frame at data[start] is: its length when it is complete; 0 when no
 such frame begins there; a negative number when it wants so many bytes more at least; QUIET when only silence ends it;
@@ -75,7 +76,7 @@ def late_constants(module: Module) -> Source:
 
 
 def helpers(module: Module, methods: set[str]) -> list[Source]:
-    """The inlined helpers; `methods`: those that are used of what diagnoses frames."""
+    """Return the inlined helpers; `methods`: the methods of `Diagnosis` that are used."""
     found = []
     for name in module.functions:
         if name == "Defaults":
@@ -88,7 +89,7 @@ def helpers(module: Module, methods: set[str]) -> list[Source]:
 
 
 def sorted_imports(lines: Iterable[str]) -> list[str]:
-    """Import lines in order, those from one module as one line, except for names that are changed."""
+    """Return import lines in order, merged by module, except renamed imports."""
     plain = sorted(line for line in lines if line.startswith("import "))
     wanted: dict[str, set[str]] = {}
     for line in lines:
@@ -104,7 +105,7 @@ def sorted_imports(lines: Iterable[str]) -> list[str]:
 
 
 def normal_protocol(protocol: Protocol) -> Protocol:
-    """The protocol with frames and layouts in normal form."""
+    """Return the protocol in normal form: every segment has a name, and segments with blocks have no condition."""
     numbers = iter(range(1, 1 << 30))
     frames = {
         name: replace(
@@ -133,7 +134,7 @@ def _one(segment: Segment, numbers: Iterator[int]) -> Segment:
 
 
 def _chosen(segment: Segment, numbers: Iterator[int]) -> Segment:
-    """What holds segments of the frame itself, under a condition, as a choice of two cases."""
+    """Return a conditional segment that holds segments of the frame itself as a choice of two cases."""
     assert segment.when is not None
     root = segment.when.root
     on = Conditional(root.at, root, Number(root.at, 1), Number(root.at, 0))
@@ -155,13 +156,13 @@ ENCODER = "encode_outermost"
 
 
 class BuilderModules:
-    """Writes builders of one protocol."""
+    """Write builders of a protocol."""
 
     def __init__(self, protocol: Protocol) -> None:
         self.protocol = normal_protocol(protocol)
 
     def source(self, frames: Iterable[str]) -> tuple[str, str]:
-        """The name of the builder of these frames, each inside the one before it, and the text of its module."""
+        """Return the name of the builder of nested frames, outermost first, and the source of its module."""
         levels = levels_of(self.protocol.frames, frames)
         name = builder_name(level.frame.name for level in levels)
         module = Module(self.protocol, standalone=False)
@@ -177,14 +178,14 @@ class BuilderModules:
 
 
 def builder_name(frames: Iterable[str]) -> str:
-    """`build_reply_adu_with_read_holding_reply`."""
+    """Return the name of a builder, such as `build_reply_adu_with_read_holding_reply`."""
     return f"build_{'_with_'.join(identifier(frame).strip('_') for frame in frames)}"
 
 
 _FUNCTIONS = ("encode", "decode", "measure", "diagnose")
-"""Every frame's; some have `extent_…` besides."""
+"""The functions of every frame; some frames also have `extent_…`."""
 MOST_BUILDERS = 100
-"""A frame has so many builders at most, one for every row of frames in it."""
+"""Limit of the builders of a frame; each row of nested frames has a builder."""
 _RULE = "-" * 98
 
 
@@ -195,7 +196,7 @@ def generate_source(protocol: Protocol, standalone: bool = True) -> str:
 
 
 class ModuleWriter:
-    """Writes one module."""
+    """Write a module."""
 
     def __init__(self, protocol: Protocol, standalone: bool) -> None:
         protocol = normal_protocol(protocol)
@@ -215,10 +216,11 @@ class ModuleWriter:
         self.builder_names = Names(self.helpers)
 
     def text(self) -> str:
+        """Return the source of the module."""
         for name, frame in self.protocol.frames.items():
             self.identifiers[name] = self._identifier(name)
             self._frame(name, frame)
-        if self.standalone:  # inside framekit they are made when one is asked for
+        if self.standalone:  # framekit itself makes builders on demand
             self._builders()
         for name, layout in self.protocol.layouts.items():
             if self._stands_alone(layout):
@@ -437,6 +439,6 @@ _ALIASES = {
 
 
 def aliases_used(text: str) -> list[str]:
-    """The lines that define the names of types in a module's text."""
+    """Return the lines that define the type aliases used in a module's source."""
     used = {*re.findall(rf"\b(?:{'|'.join(_ALIASES)})\b", text)}
     return [f"{name} = {meaning}" for name, meaning in _ALIASES.items() if name in used]

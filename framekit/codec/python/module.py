@@ -36,12 +36,12 @@ _ALWAYS = ("fault", "error", "spans")
 
 @cache
 def whole_source(value: Any) -> str:
-    """The source of a function or class."""
+    """Return the source of a function or class."""
     return inspect.getsource(value)
 
 
 def used_methods(classes: Iterable[type], text: str) -> set[str]:
-    """The methods that calls `n.method` in `text` come to, with those that these call in turn."""
+    """Return the methods that the calls `n.method` in `text` use, directly or indirectly."""
     bodies = {name: source for one in classes for name, source in _methods(one)}
     wanted = set(re.findall(r"\bn\.(\w+)", text)) | set(_ALWAYS)
     wanted |= {name for name in bodies if name.startswith("__")}
@@ -54,7 +54,7 @@ def used_methods(classes: Iterable[type], text: str) -> set[str]:
 
 
 def class_source(one: type, methods: set[str]) -> str:
-    """The source of a class with only some of its methods."""
+    """Return the source of a class with only some of its methods."""
     text = whole_source(one)
     first = next(iter(_functions(text)), None)
     if first is None:
@@ -93,11 +93,12 @@ BUILT_IN = frozenset(
 )
 _LONGEST_FORMAT_NAME = 30
 _INLINED: list[Any] = [support, stuffing, ciphers, runtime, runtime_diagnosis]
+"""The modules whose functions can be inlined; the first `OWN_HELPERS` belong to framekit."""
 OWN_HELPERS = len(_INLINED)
 
 
 def add_helpers(module: Any) -> None:
-    """Functions of this module may be inlined too, as they stand there."""
+    """Allow inlining of the functions of a module."""
     added = [one for one in _INLINED[OWN_HELPERS:] if one is module or one.__name__ != module.__name__]
     _INLINED[OWN_HELPERS:] = added if module in added else [*added, module]
     for made in (inlined_names, _names_of_added, _defined, _imports_of):
@@ -106,7 +107,7 @@ def add_helpers(module: Any) -> None:
 
 @cache
 def inlined_names() -> frozenset[str]:
-    """Every name that inlined code may bring into a module."""
+    """Return every name that inlined code may add to a module."""
     names = {name for module in _INLINED[:OWN_HELPERS] for name in vars(module)} | {*_names_of_added().values()}
     return frozenset(name for name in names if not name.startswith("_"))
 
@@ -141,24 +142,24 @@ def _home_of(name: str) -> Any:
 
 @cache
 def _defined(module: Any) -> frozenset[str]:
-    """The functions and classes that stand in a module."""
+    """Return the names of the functions and classes that a module defines."""
     made = ((name, value) for name, value in vars(module).items() if isinstance(value, FunctionType | type))
     return frozenset(name for name, value in made if value.__module__ == module.__name__)
 
 
 class Import(NamedTuple):
-    """`import what`, or `from origin import what`."""
+    """An import: `import what`, or `from origin import what`."""
 
     origin: str
     what: str
 
     @property
     def may_be_renamed(self) -> bool:
-        """`import a.b` brings the name `a`, and `import a.b as c` another thing."""
+        """Return whether `as` may rename it: `import a.b` defines `a`, and `import a.b as c` another object."""
         return bool(self.origin) or "." not in self.what
 
     def line(self, name: str) -> str:
-        """The line that brings it as `name`."""
+        """Return the line that imports it as `name`."""
         renamed = f" as {name}" if name != self.what and self.may_be_renamed else ""
         return f"{f'from {self.origin} ' if self.origin else ''}import {self.what}{renamed}"
 
@@ -182,7 +183,7 @@ def _imports_of(module: Any) -> Mapping[str, Import]:
 
 @cache
 def outer_names(helper: Any) -> tuple[str, ...]:
-    """The names that the source of a function or class means outside of itself."""
+    """Return the global names that the source of a function or class reads."""
     (found,) = ast.parse(textwrap.dedent(whole_source(helper))).body
     parts: list[ast.AST] = [found]
     if isinstance(found, ast.ClassDef):
@@ -192,7 +193,7 @@ def outer_names(helper: Any) -> tuple[str, ...]:
 
 
 def _bound(found: ast.AST) -> set[str]:
-    """The names that a function binds inside itself."""
+    """Return the names that a function binds inside itself."""
     inside = [node for node in ast.walk(found) if node is not found]
     bound = {node.arg for node in inside if isinstance(node, ast.arg)}
     bound |= {node.id for node in inside if isinstance(node, ast.Name) and not isinstance(node.ctx, ast.Load)}
@@ -202,7 +203,7 @@ def _bound(found: ast.AST) -> set[str]:
 
 
 def _renamed(text: str, names: Mapping[str, str]) -> str:
-    """The source of a function or class that calls itself and others by other names, as far as these mean them."""
+    """Return the source of a function or class with global names replaced."""
     (found,) = ast.parse(textwrap.dedent(text)).body
     bound = _bound(found)
     for node in ast.walk(found):
@@ -214,7 +215,7 @@ def _renamed(text: str, names: Mapping[str, str]) -> str:
 
 
 class Module:
-    """The shared part of one module being generated."""
+    """The common part of a generated module."""
 
     def __init__(self, protocol: Protocol, standalone: bool = True) -> None:
         self.protocol = protocol
@@ -241,9 +242,9 @@ class Module:
     # ---- functions ----------------------------------------------------------------------------------------
 
     def function(self, helper: str | Callable[..., Any]) -> str:
-        """Has a helper inlined, with all that it needs: one of framekit by its name, or a function of an added module.
+        """Inline a helper with all its dependencies: a helper of framekit by name, or a function of an added module.
 
-        Gives the name that it has here. Raises ValueError for one that is not there.
+        Returns its name in the generated module. Raises ValueError for an unknown helper.
         """
         name = helper if isinstance(helper, str) else self._name_of(helper)
         if name not in self.functions and name not in self._under_way:
@@ -275,7 +276,7 @@ class Module:
         return name
 
     def source_of(self, name: str, methods: set[str] | None = None) -> str:
-        """The source text of an inlined helper; of a class with the methods that are used."""
+        """Return the source of an inlined helper; of a class with only the given methods."""
         if name in self._added:
             added = self._added[name]
             all_names = _names_of_added().items()
@@ -290,7 +291,7 @@ class Module:
     # ---- constants ----------------------------------------------------------------------------------------
 
     def struct(self, codes: str, order: str, *hint: str) -> str:
-        """The module constant of a `struct` format."""
+        """Return the module constant of a `struct` format."""
         self.imports.add("from struct import Struct")
         text = (order or ">") + codes if order or len(codes) > 1 else codes
         if text not in self.structs:
@@ -319,7 +320,7 @@ class Module:
         return self.structs_of_lists[key]
 
     def table(self, name: str) -> str | None:
-        """The module constant of one of the definition's tables; None if there is no such table."""
+        """Return the module constant of a table of the definition; None if no table has that name."""
         table = self.protocol.tables.get(name)
         if table is None:
             return None
@@ -345,7 +346,7 @@ class Module:
         return next(reversed(self.tables.values()))[0]
 
     def numbers(self, values: Mapping[int, str], hint: str) -> str:
-        """The module constant of the reverse of `value_names`: name → number."""
+        """Return the module constant of the reverse of `value_names`: name → number."""
         names = self.value_names(values, hint)
         key = f"numbers of {names}"
         if key not in self.tables:
@@ -354,7 +355,10 @@ class Module:
         return self.tables[key][0]
 
     def bcd_numbers(self) -> str:
-        """The module constant with the numbers of single bytes of two decimal digits: a third of a call's time."""
+        """Return the module constant with the numbers of single BCD bytes.
+
+        A look-up takes a third of the time of a call.
+        """
         if not self._bcd:
             self._bcd = self.names.constant("bcd_numbers")
             digits = "for tens in range(10) for ones in range(10)"
@@ -362,13 +366,13 @@ class Module:
         return self._bcd
 
     def rules(self, identifier: str, text: str) -> str:
-        """The module constant with the rules of a frame's values."""
+        """Return the module constant with the rules of a frame's values."""
         name = self.names.constant(identifier, "values")
         self.rule_tables[name] = text
         return name
 
     def choice(self, frames: tuple[str, ...], *name: str) -> str:
-        """The module constant of the frames that may stand at one place."""
+        """Return the module constant of the candidates for an inner frame."""
         self.function("Choice")
         frames = in_order(self.static, frames)
         if frames not in self.choices:
@@ -376,7 +380,7 @@ class Module:
         return self.choices[frames]
 
     def fused(self, identifier: str, frames: tuple[str, ...], readers: Mapping[str, str]) -> str:
-        """The module constant with what reads a frame together with one of those inside it, by the deciding byte."""
+        """Return the module constant of the readers of a frame together with an inner frame, by the deciding byte."""
         name, choice = self.names.constant(identifier, "fused"), self.choice(frames, identifier, "inside")
         entries = ", ".join(f"{literal(frame)}: {function}" for frame, function in readers.items())
         self.fused_tables[name] = f"{self.function('fused_readers')}({choice}, {{{entries}}})"
@@ -407,7 +411,7 @@ class Module:
     # ---- check codes --------------------------------------------------------------------------------------
 
     def check(self, method: CheckMethod, data: str) -> str:
-        """Text of the check code over the bytes `data` (a text), without parentheses around it."""
+        """Return the source of the check code over the bytes `data` (source), without outer parentheses."""
         if method.kind == "fold":
             return f"{self._own_code(method)}({data})"
         added = FUNCTIONS.get(method.kind)
@@ -429,13 +433,13 @@ class Module:
         return f"{self.function(f'{name}_code')}({data}, {key}{digest}, {size})"
 
     def _own_code(self, method: CheckMethod) -> str:
-        """The name of the function of a check that the definition gives as an expression."""
+        """Return the name of the function of a check that the definition gives as an expression."""
         if method.name not in self.folds:
             self.folds[method.name] = self.names.fresh(f"{method.name}_code"), method
         return self.folds[method.name][0]
 
     def fold(self, name: str, method: CheckMethod) -> Source:
-        """The function of a check that the definition gives as an expression."""
+        """Return the function of a check that the definition gives as an expression."""
         assert method.expression is not None
         if method.kind == "code":
             return self._whole_code(name, method)
@@ -456,7 +460,7 @@ class Module:
         return out
 
     def _whole_code(self, name: str, method: CheckMethod) -> Source:
-        """The function of a check code whose bytes an expression gives."""
+        """Return the function of a check whose bytes an expression computes."""
         assert method.expression is not None
         out = Source()
         scope = Scope()
@@ -468,7 +472,7 @@ class Module:
         return out
 
     def given(self, name: str) -> str:
-        """Text of a context value."""
+        """Return the source of a context value."""
         self.context.add(name)
         return f"ctx[{quoted(name)}]"
 
@@ -482,7 +486,7 @@ class Module:
         return name
 
     def words(self) -> Iterable[str]:
-        """Names that locals must not take."""
+        """Return the names that locals must not have."""
         return [*inlined_names(), *(name for name, _ in self.folds.values())]
 
 
@@ -492,7 +496,7 @@ def _finished(method: CheckMethod, mask: int) -> str:
 
 
 def _step_table(module: Module, method: CheckMethod, mask: int) -> str | None:
-    """The table of a code of 8 bits whose next value depends on `acc ^ byte` alone: a look-up instead of a formula."""
+    """Return the table of an 8-bit code whose next value depends only on `acc ^ byte`; None for other codes."""
     if method.width != 8 or method.expression is None:
         return None
     names: dict[str, Any] = {name: getattr(support, name) for name in ("rotl8", "bit", "span", "times")}

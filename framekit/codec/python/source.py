@@ -19,10 +19,11 @@ from typing import Any
 from framekit.definition.problems import printable
 
 WIDTH = 110
+"""Limit of the line length."""
 INDENT = "    "
 _NAMED_ALIKE = re.compile(r'"(\w+)": \1_?')
 _MANY = 5
-"""So many entries of a mapping that are called like their values share lines."""
+"""Number of mapping entries named like their values from which they share lines."""
 MOST_NAMES = 16
 """Names of other cases that the code of a case lists; more are listed once for all cases."""
 _OPENING, _CLOSING = "([{", ")]}"
@@ -36,9 +37,9 @@ class Source:
         self.depth = depth
 
     def add(self, text: str = "", about: str = "") -> None:
-        """One statement, with a comment if need be; it is broken over several lines if it is too long.
+        """Add a statement, with an optional comment; a long statement is broken over several lines.
 
-        Raises ValueError for a sign that only text may hold: it was written without `quoted`.
+        Raises ValueError for a character that only a literal may contain: the text was written without `quoted`.
         """
         if not text.isprintable():
             raise ValueError(f"no line of source: {text!r}")
@@ -47,13 +48,13 @@ class Source:
             self.lines[-1] += f"  # {printable(about)}"
 
     def comment(self, text: str) -> None:
-        """A line of its own."""
+        """Add a comment line."""
         self.lines.append(f"{INDENT * self.depth}# {printable(text)}")
 
     def docstring(self, *lines: str) -> None:
         """Add a docstring of these lines; quotes, backslashes and control characters in them are escaped."""
         indent = INDENT * self.depth
-        # between triple quotes no quotes stand before others or at the end of a line without a backslash
+        # escape quotes before other quotes and at the end of a line, which could end the docstring
         first, *others = [printable(re.sub(r'"(?="|\Z)', r"\"", line.replace("\\", "\\\\"))) for line in lines]
         if not others:
             self.lines.append(f'{indent}"""{first}"""')
@@ -63,7 +64,7 @@ class Source:
         self.lines.append(f'{indent}"""')
 
     def extend(self, other: Source) -> None:
-        """The lines of another source, as deep as this one stands now."""
+        """Add the lines of another source at the current indentation."""
         self.lines.extend(INDENT * self.depth + line if line else "" for line in other.lines)
 
     @contextmanager
@@ -83,11 +84,11 @@ class Source:
 
 
 _LOGIC = re.compile(r"""(\s*)((?:lambda n: |return |\w+(?:: \w+)? [+|]?= |\w+=|"[^"]*": )?)(.*?)(,?)""", re.DOTALL)
-"""A line of an expression, perhaps with a name or a key before it: indent, that, the expression, a comma."""
+"""A line with an expression: indentation, an optional name or key, the expression, an optional comma."""
 
 
 def broken(line: str) -> list[str]:
-    """The line as it is, or with the contents of its last outermost brackets on lines of their own."""
+    """Return the line unchanged, or with the content of its last outermost brackets on separate lines."""
     if len(line) <= WIDTH:
         return [line]
     if (start := re.match(r"(\s*)(if|elif|while) (.*):$", line)) is not None:
@@ -135,7 +136,7 @@ def _joined(text: str, word: str, indent: str) -> list[str]:
 
 
 def _weakest(text: str) -> str | None:
-    """The weakest operator between conditions, or between bits, that stands in no brackets; None if there is none."""
+    """Return the weakest operator between conditions, or between bits, outside of brackets; None if there is none."""
     word = next((word for word in (" or ", " and ") if len(_split(text, word)) > 1), None)
     bits = _split(text, " | ")
     if word is None and len(bits) > 1 and all(re.fullmatch(r"\w+( << \d+)?", part) for part in bits):
@@ -155,7 +156,10 @@ def _packed(items: list[str], indent: str) -> list[str]:
 
 
 def _outermost(line: str) -> tuple[int, int] | None:
-    """The places of the bracket pair in no other that holds most; of calls in a sum, so, the largest is broken."""
+    """Return the offsets of the outermost bracket pair with the most content.
+
+    So the largest call of a sum is broken.
+    """
     found, stack = None, []
     for sign, place in _outside_texts(line, "#"):
         if sign == "#":
@@ -174,12 +178,12 @@ _ENDS_OF_TEXT = {quote: re.compile(rf"(?:[^{quote}\\]|\\.)*{quote}", re.DOTALL) 
 
 @cache
 def _signs(separator: str) -> re.Pattern[str]:
-    """A quote, a bracket or the separator."""
+    """Return a pattern for a quote, a bracket or the separator."""
     return re.compile("[" + re.escape(f"\"'{_OPENING}{_CLOSING}") + "]|" + re.escape(separator))
 
 
 def _outside_texts(text: str, separator: str) -> Iterator[tuple[str, int]]:
-    """Each bracket and separator outside quotes, with its place."""
+    """Yield each bracket and separator outside of quotes, with its offset."""
     signs, place = _signs(separator), 0
     while found := signs.search(text, place):
         sign, place = found[0], found.end()
@@ -191,7 +195,7 @@ def _outside_texts(text: str, separator: str) -> Iterator[tuple[str, int]]:
 
 
 def _split(text: str, separator: str) -> list[str]:
-    """`text` cut where `separator` stands outside brackets and quotes."""
+    """Return `text` cut at each `separator` outside of brackets and quotes."""
     if separator not in text:
         return [text] if text.strip() else []
     parts, depth, start = [], 0, 0
@@ -206,7 +210,7 @@ def _split(text: str, separator: str) -> list[str]:
 
 
 def literal(value: Any) -> str:
-    """A value as it is written in generated source; strings in double quotes."""
+    """Return a value as generated source; texts are in double quotes."""
     if isinstance(value, str):
         return quoted(value)
     if isinstance(value, (bytes, bytearray)):
@@ -225,10 +229,10 @@ class Code(str):
 
 
 def text_source(*parts: str | Code) -> str:
-    """Source of a text: the parts as they are, and what `Code` among them gives."""
+    """Return the source of a text: the parts unchanged, and the values of the `Code` parts."""
     if not any(isinstance(part, Code) for part in parts):
         return quoted("".join(parts))
-    if any(isinstance(part, Code) and re.search(r"[^\w ()+\-.]", part) for part in parts):  # no f-string can hold it
+    if any(isinstance(part, Code) and re.search(r"[^\w ()+\-.]", part) for part in parts):  # no f-string
         return " + ".join(f"str({part})" if isinstance(part, Code) else quoted(part) for part in parts)
     shown = (
         f"{{{part}}}" if isinstance(part, Code) else _escaped(part).replace("{", "{{").replace("}", "}}")
@@ -243,12 +247,12 @@ def quoted(text: str) -> str:
 
 
 def _escaped(text: str) -> str:
-    """The text as it stands between double quotes: what `repr` writes otherwise, and the quotes, escaped."""
+    """Return the text as between double quotes, with quotes and the characters that `repr` escapes escaped."""
     return printable(text.replace("\\", "\\\\").replace('"', '\\"'))
 
 
 def bytes_literal(data: bytes) -> str:
-    """Bytes in double quotes: letters as they are, all others as \\xNN; long runs of one byte as a product."""
+    """Return bytes in double quotes: letters unchanged, other bytes as \\xNN; long runs of one byte as a product."""
     if len(data) > 8 and len(set(data)) == 1:
         return f"({bytes_literal(data[:1])} * {len(data)})"
     shown = "".join(chr(byte) if 0x20 <= byte < 0x7F and byte not in b'"\\' else f"\\x{byte:02x}" for byte in data)
@@ -256,7 +260,7 @@ def bytes_literal(data: bytes) -> str:
 
 
 def grouped(value: int) -> str:
-    """A number with an underscore at every thousand."""
+    """Return a number with underscores between thousands, if it has at least six digits."""
     return f"{value:_}" if abs(value) >= 100_000 else str(value)
 
 
@@ -273,13 +277,13 @@ _OWN_PREFIXES = ("decode_", "encode_", "diagnose_", "measure_", "inner_", "pack_
 
 
 def identifier(name: str) -> str:
-    """`name` as an identifier in lower case: `WR.REQ` is `wr_req`, `7th` is `_7th`."""
+    """Return `name` as an identifier in lower case: `WR.REQ` is `wr_req`, `7th` is `_7th`."""
     text = re.sub(r"[^0-9a-z_]", "_", name.lower()).strip("_") or "unnamed"
     return f"_{text}" if text[0].isdigit() else text
 
 
 def constant_name(*names: str) -> str:
-    """Names put together as a module constant: `READ_REPLY_HEAD`, `_7TH_HEAD`."""
+    """Return joined names as the name of a module constant: `READ_REPLY_HEAD`, `_7TH_HEAD`."""
     return identifier("_".join(identifier(name).strip("_") for name in names)).upper()
 
 
@@ -330,7 +334,7 @@ class Identifiers:
         self._names.reserve(names)
 
     def constant(self, *names: str) -> str:
-        """A module constant that is free."""
+        """Return a free name of a module constant."""
         return self._take(constant_name(*names))
 
     def _take(self, wanted: str) -> str:
