@@ -125,9 +125,7 @@ def check_hidden_ends(protocol: Protocol) -> Iterator[Problem]:
 
 
 def check_silent_ends(codec: Codec, sampler: Sampler) -> Iterator[Problem]:
-    """Yield a problem for each frame that only silence ends, on a connection without a defined silence
-    (`receiver.quiet`).
-    """
+    """Yield a problem for each frame that only silence ends, on a connection without `receiver.quiet`."""
     protocol = codec.protocol
     if protocol.line.kind != "stream" or protocol.receiver.quiet is not None:
         return
@@ -159,8 +157,9 @@ def check_ends_inside(codec: Codec, sampler: Sampler) -> Iterator[Problem]:
 
 
 def _waiting(codec: Codec, sampler: Sampler, frame: str, inner: Inner, later: str) -> bytes | None:
-    """Return a frame whose inner frame is complete without silence, but for which `measure` still expects bytes; or
-    None.
+    """Return a frame that is complete without silence, but for which `measure` still expects bytes, or None.
+
+    The frame contains the inner frame `later`.
     """
     outer = [sample.values for sample in sampler.samples(frame) if inner.name in sample.values]
     for values, inside in zip(outer, sampler.samples(later), strict=False):
@@ -303,10 +302,10 @@ class _Candidate:
 def check_matrices(
     protocol: Protocol, weak_codes: bool = True, built: Callable[[], Collection[str]] = frozenset
 ) -> list[Problem]:
-    """Return problems for frames that cannot be distinguished, and warnings about ends and, if wanted, weak check
-    codes.
+    """Return problems for frames that cannot be distinguished, with warnings about ends and weak check codes.
 
-    `built` returns the names of frames that are known to be built from some values.
+    `weak_codes`: include the warnings about check codes. `built` returns the names of frames that are known to be built
+    from some values.
     """
     codec = compile_protocol(protocol)
     sampler = Sampler(codec, sample_context(protocol))
@@ -331,9 +330,7 @@ def _not_tried(protocol: Protocol, sampler: Sampler, built: Callable[[], Collect
 
 
 def _matrices(protocol: Protocol) -> Iterator[tuple[list[_Candidate], str]]:
-    """Yield every list of frames that are searched at once, in order, and the advice for two frames of the same
-    look.
-    """
+    """Yield every list of frames that are searched at once, in order, with the advice for similar frames."""
     rows_todo = "add a when: to the row above, or give one of the frames another constant"
     for sequence in protocol.sequences.values():
         for step in sequence.steps:
@@ -479,8 +476,9 @@ class _Checker:
         return not self.sampler.samples(frame)[0].values
 
     def _fits(self, frame: str, sample: Sample, inside: bool) -> bool:
-        """Return whether a receiver that tries `frame` first accepts the bytes of a sample; `inside`: all of the
-        bytes.
+        """Return whether a receiver that tries `frame` first accepts the bytes of a sample.
+
+        `inside`: all of the bytes.
         """
         context = self.sampler.context
         try:

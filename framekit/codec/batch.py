@@ -202,8 +202,9 @@ def _check(check: Check, offset: int) -> tuple[CheckMethod, int, int, str]:
 
 
 def codes_of(numpy: Any, method: CheckMethod, table: Any) -> Any:
-    """Return the check codes of every row of `table` (rows × bytes) as 64-bit numbers; None for an unsupported
-    method.
+    """Return the check codes of every row of `table` (rows × bytes) as 64-bit numbers.
+
+    None for an unsupported method.
     """
     code = _raw(numpy, method, table)
     if code is None:
@@ -255,8 +256,9 @@ except ImportError:  # NumPy is an optional dependency
 CHUNK = 65536
 """Frames that are processed together: many enough to amortize NumPy's calls, few enough for the processor's cache."""
 MANY = 4096
-"""Limit of the distinct inputs of a condition that are tested individually; with more, all frames are decoded
-singly.
+"""Limit of the distinct inputs of a condition that are tested individually.
+
+With more, all frames are decoded singly.
 """
 
 
@@ -405,8 +407,9 @@ class _OneLength:
             self.left[places] = True
 
     def _held(self, columns: list[Any], places: Any) -> Any:
-        """Return a mask of the rows that fulfil a condition over these columns; one frame of each distinct input is
-        decoded.
+        """Return a mask of the rows that fulfil a condition over these columns.
+
+        One frame of each distinct input is decoded.
         """
         key = numpy.zeros(len(places), dtype=numpy.int64)
         for column in columns:

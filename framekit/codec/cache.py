@@ -71,7 +71,7 @@ def _user_cache() -> Path:
 
 
 def _is_own(found: os.stat_result, kind: object) -> bool:
-    """Return whether a file is of that kind (`stat.S_ISDIR`, …), belongs to this user, and is closed to all others.
+    """Return whether a file has the kind (`stat.S_ISDIR`, …), belongs to this user, and is closed to all others.
 
     Windows reports no owner: `_is_private` decides instead.
     """

@@ -201,8 +201,9 @@ def _crc(method: CheckMethod, data: str) -> CheckSource:
 
 
 def _standard_crc(method: CheckMethod, data: str) -> tuple[CheckSource, int] | None:
-    """Return source that uses the standard library, and the remaining number to exclusive-or; None if it has no such
-    CRC.
+    """Return source that uses the standard library, and the remaining number to exclusive-or.
+
+    None if it has no such CRC.
 
     `binascii` implements two polynomials in C: for 250 bytes 20 times as fast as a loop over a table.
     """

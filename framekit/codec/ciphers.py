@@ -1,7 +1,8 @@
-"""Content enciphered and deciphered, codes made with a key; `codec/python/codings.py` and `codec/checks.py` name the
-functions. HMAC is the standard library's; all else is done by the library `cryptography`, which is an extra.
+"""Encrypt and decrypt content, and compute codes with a key.
 
-It is imported where it is used, so that framekit works without it.
+`codec/python/codings.py` and `codec/checks.py` refer to these functions by name. HMAC uses the standard library;
+everything else uses the optional library `cryptography`, which is imported on first use, so that framekit works without
+it.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from framekit.codec.support import Unfit
 
 
 def cipher_of(cipher: str, key: Any, iv: Any) -> Any:
-    """The cipher of the library. Raises ValueError, which shows no key."""
+    """Return the cipher object of the library. Raises ValueError, without the key in its message."""
     from cryptography.hazmat.primitives.ciphers import Cipher, algorithms, modes
 
     key, iv = aes_key(key), bytes_given(iv, "iv")
@@ -27,7 +28,7 @@ def cipher_of(cipher: str, key: Any, iv: Any) -> Any:
 
 
 def aes_key(value: Any) -> bytes:
-    """A key of AES. Raises ValueError, which does not show it."""
+    """Return an AES key as bytes. Raises ValueError, without the key in its message."""
     key = bytes_given(value, "key")
     if len(key) not in (16, 24, 32):
         raise Unfit(f"a key of {len(key)} bytes is none of 16, 24 or 32")
@@ -35,23 +36,26 @@ def aes_key(value: Any) -> bytes:
 
 
 def aes(key: Any, data: Any, iv: Any = bytes(16)) -> bytes:
-    """Whole blocks enciphered one after the other (CBC). Of one block and no initial value it is AES itself.
+    """Encrypt whole blocks in CBC mode; for a single block and no initial value this is AES itself.
 
-    Raises ValueError, which shows no key.
+    Raises ValueError, without the key in its message.
     """
     run = cipher_of("aes-cbc", key, iv).encryptor()
     return bytes(run.update(padded(bytes_given(data, "data"), "none")) + run.finalize())
 
 
 def bytes_given(value: Any, name: str) -> bytes:
-    """A value that has to be bytes. Raises ValueError, which does not show it."""
+    """Return a value that must be bytes. Raises ValueError, without the value in its message."""
     if not isinstance(value, (bytes, bytearray)):
         raise Unfit(f"{name} is not known" if value is None else f"the value for {name} is no bytes")
     return bytes(value)
 
 
 def padded(data: bytes, pad: str) -> bytes:
-    """Content filled up to whole blocks. Raises ValueError for content that is not filled up and should be."""
+    """Return the content padded to whole blocks of 16 bytes.
+
+    Raises ValueError for incomplete blocks without padding.
+    """
     rest = 16 - len(data) % 16
     if pad == "none":
         if rest != 16:
@@ -61,7 +65,7 @@ def padded(data: bytes, pad: str) -> bytes:
 
 
 def unpadded(data: bytes, pad: str) -> bytes:
-    """The content again. Raises ValueError where it is not filled up as it should be."""
+    """Return the content without its padding. Raises ValueError for an invalid padding."""
     if pad == "none":
         return data
     plain = data[: -data[-1]] if pad == "pkcs7" and data else data.rstrip(b"\0")[:-1]
@@ -71,7 +75,7 @@ def unpadded(data: bytes, pad: str) -> bytes:
 
 
 def with_tag(cipher: str, data: bytes, key: Any, iv: Any, also: Any) -> tuple[bytes, bytes]:
-    """Content enciphered, and its whole tag."""
+    """Return the encrypted content and its whole tag."""
     run = cipher_of(cipher, key, iv).encryptor()
     run.authenticate_additional_data(bytes_given(also, "also"))
     return run.update(data) + run.finalize(), run.tag
@@ -80,7 +84,7 @@ def with_tag(cipher: str, data: bytes, key: Any, iv: Any, also: Any) -> tuple[by
 def encipher(
     data: bytes | bytearray, cipher: str, pad: str, tag: int, clear: int, key: Any, iv: Any, also: Any = b""
 ) -> bytes:
-    """Content as it stands on the wire. Raises ValueError."""
+    """Return the encrypted content, after the first `clear` bytes and before the tag. Raises ValueError."""
     start, plain = parted(bytes(data), clear)
     if tag:
         wire, whole = with_tag(cipher, plain, key, iv, also)
@@ -91,7 +95,7 @@ def encipher(
 
 
 def parted(data: bytes, clear: int) -> tuple[bytes, bytes]:
-    """The bytes that are not enciphered, and those that are. Raises ValueError for too few."""
+    """Return the clear bytes and the encrypted bytes. Raises ValueError for fewer than `clear` bytes."""
     if len(data) < clear:
         raise Unfit(f"{len(data)} bytes are not the {clear} that stand as they are")
     return data[:clear], data[clear:]
@@ -100,7 +104,7 @@ def parted(data: bytes, clear: int) -> tuple[bytes, bytes]:
 def opened(
     raw: bytes, cipher: str, pad: str, tag: int, clear: int, key: Any, iv: Any, also: Any = b""
 ) -> tuple[bytes, bytes, bytes]:
-    """The content, the tag that should stand behind it, and the one that does. Raises ValueError."""
+    """Return the decrypted content, the expected tag and the received tag. Raises ValueError."""
     start, raw = parted(raw, clear)
     wire, found = (raw[:-tag], raw[-tag:]) if tag else (raw, b"")
     if tag and len(raw) < tag:
@@ -117,7 +121,7 @@ def opened(
 def decipher(
     data: bytes | bytearray, cipher: str, pad: str, tag: int, clear: int, key: Any, iv: Any, also: Any = b""
 ) -> bytes:
-    """The content again. Raises ValueError for a wrong tag or padding, and for no whole blocks."""
+    """Return the decrypted content. Raises ValueError for a wrong tag or padding, and for incomplete blocks."""
     plain, wanted, found = opened(bytes(data), cipher, pad, tag, clear, key, iv, also)
     if not compare_digest(wanted, found):
         raise Unfit("the tag is wrong")
@@ -127,7 +131,10 @@ def decipher(
 def open_ciphered(
     raw: bytes, cipher: str, pad: str, tag: int, clear: int, given: Callable[[], tuple[Any, ...]]
 ) -> Opened:
-    """The same with care; content with a wrong tag is content all the same. `given`: key, iv, `also`."""
+    """Decrypt carefully; the content is returned even if its tag is wrong.
+
+    `given` returns key, iv and additional data.
+    """
     try:
         values = given()
         cipher_of(cipher, *values[:2])
@@ -149,12 +156,18 @@ def open_ciphered(
 
 
 def hmac_code(data: bytes | bytearray, key: Any, digest: str, size: int) -> int:
-    """The number of the first `size` bytes of the HMAC (RFC 2104). Raises ValueError for a key that is no bytes."""
+    """Return the first `size` bytes of the HMAC (RFC 2104) as a number.
+
+    Raises ValueError for a key that is not bytes.
+    """
     return int.from_bytes(hmac.digest(bytes_given(key, "key"), data, digest)[:size], "big")
 
 
 def first_bytes(code: Any, size: int) -> int:
-    """The number of the first `size` bytes of a code. Raises ValueError for a code that is no bytes, or fewer."""
+    """Return the first `size` bytes of a code as a number.
+
+    Raises ValueError for a code that is not bytes, or too short.
+    """
     data = bytes_given(code, "code")
     if len(data) < size:
         raise Unfit(f"a code of {len(data)} bytes does not have {size}")
@@ -162,12 +175,12 @@ def first_bytes(code: Any, size: int) -> int:
 
 
 def is_same_code(found: int, wanted: int, size: int) -> bool:
-    """Whether two codes of `size` bytes are the same; the time it takes tells nothing of how far they are."""
+    """Return whether two codes of `size` bytes are equal, in constant time."""
     return hmac.compare_digest(found.to_bytes(size, "big"), wanted.to_bytes(size, "big"))
 
 
 def cmac_code(data: bytes | bytearray, key: Any, size: int) -> int:
-    """The number of the first `size` bytes of the AES-CMAC (RFC 4493). Raises ValueError for a wrong key."""
+    """Return the first `size` bytes of the AES-CMAC (RFC 4493) as a number. Raises ValueError for an invalid key."""
     from cryptography.hazmat.primitives.ciphers.algorithms import AES
     from cryptography.hazmat.primitives.cmac import CMAC
 

@@ -10,12 +10,10 @@ from typing import Any
 
 
 class FrameError(ValueError):
-    """Bytes that are not the frame they were read as.
+    """Report bytes that are not a valid frame of the expected kind.
 
     `cause` is one of: check, parity, framing, overrun, constant, where, digits, value, range, require, short, too_long,
-    length, surplus, cut. `segment` is the name or kind of what is wrong, `offset` its first byte in the frame,
-    `refuse` the code the frame is to be refused with (None: it is just bad), `fields` what was read before the fault.
-    `also`: the first other fault beside a wrong check code.
+    length, surplus, cut.
     """
 
     def __init__(
@@ -32,18 +30,23 @@ class FrameError(ValueError):
         super().__init__(f"{segment} at byte {offset}: {cause}{wanted}" + (f", found {found}" if found else ""))
         self.cause = cause
         self.segment = segment
+        """The name or kind of the faulty segment."""
         self.offset = offset
+        """The offset of its first byte in the frame."""
         self.expected = expected
         self.found = found
         self.refuse = refuse
+        """The code with which a server refuses the frame; None for a frame that is only bad."""
         self.fields: dict[str, Any] = dict(fields or {})
+        """The values that were read before the fault."""
         self.also: FrameError | None = None
+        """The first other fault, in addition to a wrong check code."""
 
 
-class Misread(FrameError):  # noqa: N818 - what it is a case of says so
-    """A FrameError that finds out what is wrong when asked: most are only asked whether a frame fits.
+class Misread(FrameError):  # noqa: N818 - its base class has the suffix
+    """A FrameError that determines its fault on demand, since most callers only test whether a frame fits.
 
-    Only for frames that are never refused; that alone is known without reading.
+    It is raised only for frames that are never refused, as `refuse` must be known in advance.
     """
 
     def __init__(self, frame: str, diagnose: Callable[..., Any], data: bytes, ctx: Mapping[str, Any]) -> None:
@@ -65,12 +68,11 @@ class Misread(FrameError):  # noqa: N818 - what it is a case of says so
 
 
 class EncodeError(ValueError):
-    """Values that a frame cannot carry; `field` is the path of the value at fault, '' for the frame as a whole.
-
-    `more`: the paths of others that are missing like it.
-    """
+    """Report values that a frame cannot carry."""
 
     def __init__(self, field: str, message: str, more: tuple[str, ...] = ()) -> None:
         super().__init__(message)
         self.field = field
+        """The path of the faulty value; '' for the frame as a whole."""
         self.more = more
+        """The paths of further missing values."""

@@ -62,10 +62,10 @@ class FrameFunctions:
         self.frames: Mapping[str, Any] = names["FRAMES"]
         self.layouts: Mapping[str, tuple[Encode, Decode]] = names["LAYOUTS"]
         self.fused: Mapping[str, tuple[int, Sequence[Decode | None]]] = names["FUSED"]
-        """Readers of a frame together with its inner frame: the offset of the deciding byte, and the readers by its
-        value.
+        """Readers of a frame together with its inner frame.
 
-        A reader may raise any exception if the bytes do not fit.
+        Each entry is the offset of the deciding byte, and the readers by its value. A reader may raise any exception if
+        the bytes do not fit.
         """
         self.defaults: Mapping[str, Any] = names["DEFAULTS"]
         self.QUIET: int = names["QUIET"]
@@ -79,8 +79,9 @@ class FrameFunctions:
         return self.encoders[frame](fields, self.defaults if ctx is None else ctx)
 
     def decode(self, frame: str, data: bytes, ctx: Context | None = None) -> dict[str, Any]:
-        """Return the values of exactly one frame. Raises FrameError if the bytes do not fit, KeyError for an unknown
-        frame.
+        """Return the values of exactly one frame.
+
+        Raises FrameError if the bytes do not fit, KeyError for an unknown frame.
         """
         return self.decoders[frame](data, self.defaults if ctx is None else ctx)
 
@@ -96,7 +97,7 @@ class FrameFunctions:
         """Return the length in bytes of the frame at `data[start]`, looking at no byte from `end` on.
 
         Returns 0 if the frame does not begin there, -n if at least n more bytes are needed, QUIET if only silence ends
-        the frame, LOST if it cannot become valid. `seen`: the number of bytes at hand in the previous call for this
+        the frame, LOST if its end cannot be found. `seen`: the number of bytes at hand in the previous call for this
         frame.
         """
         end = len(data) if end is None else end

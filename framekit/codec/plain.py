@@ -40,8 +40,9 @@ class PlainValues:
         self._names: dict[str, dict[str, dict[int, str]]] = {}
 
     def from_plain(self, frame: str, fields: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the codec values of plain values; unknown names are kept, for the encoder to refuse. Raises
-        EncodeError.
+        """Return the codec values of plain values; unknown names are kept, for the encoder to refuse.
+
+        Raises EncodeError.
         """
         known = self._known.get(frame)
         if known is None:
@@ -78,8 +79,9 @@ class PlainValues:
         return result
 
     def _of_one(self, name: str, segments: Sequence[Segment], value: Any) -> Any:
-        """Return the value of a name, read by the first of its segments that accepts it; several cases may share a
-        name.
+        """Return the value of a name, read by the first of its segments that accepts it.
+
+        Several cases may share a name.
         """
         wrong: ValueError | TypeError | None = None
         for segment in sorted(segments, key=lambda one: not _has_fields(one, value)):
@@ -257,8 +259,9 @@ Level = tuple[Mapping[str, Segment], Mapping[str, Any]]
 def with_hint(
     error: EncodeError, protocol: Protocol, frame: str, given: Mapping[str, Any], more: Iterable[str] = ()
 ) -> str:
-    """Return the message of an error, with a hint for its cause if there is a hint; `more` are names that fit
-    elsewhere.
+    """Return the message of an error, with a hint for its cause if there is a hint.
+
+    `more` are names that fit elsewhere.
     """
     names = [path.rpartition(".")[2] for path in (error.field, *error.more)]
     levels = list(_levels(protocol, protocol.frames[frame].segments, given))

@@ -271,7 +271,7 @@ class Sampler:
 
     @property
     def in_vain(self) -> list[str]:
-        """The frames for which no sample was found."""
+        """Return the names of the frames for which no sample was found."""
         return [frame for frame, made in self._made.items() if not made]
 
     def count(self, items: int) -> None:

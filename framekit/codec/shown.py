@@ -12,8 +12,9 @@ if TYPE_CHECKING:  # kept values are decoded without the model
 
 
 def shown(value: Any) -> Any:
-    """Return a JSON-ready value: bytes as upper-case hex pairs; exact decimals as numbers, or as text if a float rounds
-    them.
+    """Return a JSON-ready value: bytes as upper-case hex pairs, exact decimals as numbers.
+
+    A decimal that a float would round is returned as text.
     """
     if isinstance(value, (bytes, bytearray)):
         return value.hex(" ").upper()

@@ -1,8 +1,8 @@
-"""Content of a wrap to the wire and back: `stuff_…` and others make what stands on the wire, `unstuff_…` the content.
+"""Encode and decode the content of wraps: `stuff_…` etc. encode, `unstuff_…` etc. decode, `open_…` decode carefully.
 
-`open_…` reads with care: the content, where each of its bytes stands, and the cause where something is wrong; the last
-place is that of the fault. Behind the cause of a wrong check code stand the right one and the one there is; behind
-another cause may stand what was expected. Generated code carries these functions along as they stand.
+`open_…` returns the content, the offset of each byte and of the end in the encoded bytes, and the cause of a fault;
+with a fault the last offset is that of the fault. After the cause of a wrong check code follow the correct and the
+received code; after another cause may follow the expected content. Generated code contains copies of these functions.
 """
 
 from __future__ import annotations
@@ -12,39 +12,43 @@ from collections.abc import Callable, Sequence
 from framekit.codec.support import Unfit
 
 Opened = tuple[bytes, Sequence[int], *tuple[str, ...]]
+"""Content, offsets of its bytes, cause of a fault ('' for none), and details of the fault."""
 
 
-# ---- as it is
+# ---- content unchanged
 
 
 def stuff_none(data: bytes) -> bytes:
-    """Content that stands on the wire as it is."""
+    """Return content that is encoded unchanged."""
     return data
 
 
 def open_none(raw: bytes) -> tuple[bytes, Sequence[int], str]:
-    """The same with the place of each byte, for a careful reading."""
+    """Return the content unchanged, with the offset of each byte."""
     return raw, range(len(raw) + 1), ""
 
 
-# ---- one byte doubled
+# ---- doubled escape bytes
 
 
 def stuff(data: bytes | bytearray, escape: int) -> bytes:
-    """Every byte `escape` twice."""
+    """Return the content with every byte `escape` doubled."""
     single = b"%c" % escape
     return bytes(data.replace(single, single + single))
 
 
 def unstuff(data: bytes | bytearray, single: bytes, double: bytes) -> bytes | bytearray:
-    """Every doubled escape byte once; the byte is given alone and twice. Raises ValueError where one is not doubled."""
+    """Return the content with every doubled escape byte single, given the escape byte singly and doubled.
+
+    Raises ValueError for an escape byte that is not doubled.
+    """
     if data.count(single) != 2 * data.count(double):
         raise Unfit(f"an escape byte {single.hex().upper()} is not doubled")
     return data.replace(double, single)
 
 
 def unstuffed(raw: bytes, escape: int, embedded: tuple[bytes, ...] = ()) -> Opened:
-    """Content without the second ones of doubled escape bytes, and without what is embedded in it."""
+    """Decode carefully a content with doubled escape bytes, without the frames embedded in it."""
     plain, places, place = bytearray(), [], 0
     while place < len(raw):
         frame = next((frame for frame in embedded if raw.startswith(frame, place)), None)
@@ -61,11 +65,11 @@ def unstuffed(raw: bytes, escape: int, embedded: tuple[bytes, ...] = ()) -> Open
     return bytes(plain), [*places, len(raw)], ""
 
 
-# ---- some bytes escaped: `codes` is what stands for each, the escape byte's own first; `never` may not stand alone
+# ---- escaped bytes: `codes` lists the code of each, first that of the escape byte; `never`: forbidden without escape
 
 
 def stuff_escaped(data: bytes | bytearray, codes: tuple[tuple[bytes, bytes], ...]) -> bytes:
-    """Every byte that is escaped in its two bytes."""
+    """Return the content with each escaped byte replaced by its two-byte code."""
     for plain, wire in codes:
         data = data.replace(plain, wire)
     return bytes(data)
@@ -74,7 +78,10 @@ def stuff_escaped(data: bytes | bytearray, codes: tuple[tuple[bytes, bytes], ...
 def unstuff_escaped(
     data: bytes | bytearray, escape: bytes, plain: dict[int, bytes], flip: int | None, never: bytes
 ) -> bytes:
-    """The content again; `plain` is by the byte behind the escape byte. Raises ValueError for what cannot be."""
+    """Return the decoded content; `plain` maps the byte after the escape byte to the content byte.
+
+    Raises ValueError for a forbidden byte, an unknown code, or a missing code.
+    """
     if never and data.translate(None, never) != data:
         raise Unfit("a byte that is to be escaped stands alone")
     if escape not in data:
@@ -94,7 +101,7 @@ def unstuff_escaped(
 
 
 def open_escaped(raw: bytes, escape: bytes, plain: dict[int, bytes], flip: int | None, never: bytes) -> Opened:
-    """The same with care."""
+    """Decode carefully a content with escaped bytes."""
     content, places, place = bytearray(), [], 0
     while place < len(raw):
         places.append(place)
@@ -107,11 +114,11 @@ def open_escaped(raw: bytes, escape: bytes, plain: dict[int, bytes], flip: int |
     return bytes(content), [*places, len(raw)], ""
 
 
-# ---- COBS: groups, each behind a byte that says where the next one begins; between two stood 00, unless they have 254
+# ---- COBS: groups, each after a byte with the offset of the next group; a 00 between groups of less than 254 bytes
 
 
 def stuff_cobs(data: bytes | bytearray) -> bytes:
-    """Content without any 00."""
+    """Return the content encoded without any byte 00."""
     found: list[bytes] = []
     parts = [bytes(part) for part in data.split(b"\0")]
     for number, part in enumerate(parts, 1):
@@ -125,7 +132,7 @@ def stuff_cobs(data: bytes | bytearray) -> bytes:
 
 
 def unstuff_cobs(data: bytes | bytearray) -> bytes:
-    """The content again. Raises ValueError where a group does not end, or holds 00."""
+    """Return the decoded content. Raises ValueError for an incomplete or empty group, or a byte 00."""
     found, place, end = [], 0, len(data)
     while place < end:
         size = data[place]
@@ -142,7 +149,7 @@ def unstuff_cobs(data: bytes | bytearray) -> bytes:
 
 
 def open_cobs(raw: bytes) -> Opened:
-    """The same with care."""
+    """Decode carefully a content in COBS."""
     content, place = bytearray(), 0
     places: list[int] = []
     while place < len(raw):
@@ -159,20 +166,20 @@ def open_cobs(raw: bytes) -> Opened:
     if not raw:
         return b"", [0], "constant"
     if content:
-        places[0] = 0  # the length of the first group belongs to what stands first
+        places[0] = 0  # the first content byte includes the length of the first group
     return bytes(content), [*places, len(raw)], ""
 
 
-# ---- bytes put in behind others
+# ---- inserted bytes
 
 
 def stuff_inserted(data: bytes | bytearray, after: bytes, insert: bytes) -> bytes:
-    """Behind every `after` stands `insert` too."""
+    """Return the content with `insert` added after every `after`."""
     return bytes(data.replace(after, after + insert))
 
 
 def unstuff_inserted(data: bytes | bytearray, after: bytes, insert: bytes) -> bytes:
-    """The content again. Raises ValueError where nothing is put in."""
+    """Return the decoded content. Raises ValueError if `insert` is missing after an `after`."""
     plain = bytes(data.replace(after + insert, after))
     if stuff_inserted(plain, after, insert) != data:
         raise Unfit(f"nothing is put in behind {after.hex(' ').upper()}")
@@ -180,7 +187,7 @@ def unstuff_inserted(data: bytes | bytearray, after: bytes, insert: bytes) -> by
 
 
 def open_inserted(raw: bytes, after: bytes, insert: bytes) -> Opened:
-    """The same with care."""
+    """Decode carefully a content with inserted bytes."""
     content, start = bytearray(), 0
     places: list[int] = []
     while (place := raw.find(after, start)) >= 0:
@@ -194,11 +201,11 @@ def open_inserted(raw: bytes, after: bytes, insert: bytes) -> Opened:
     return bytes(content), [*places, *range(start, len(raw) + 1)], ""
 
 
-# ---- a check code behind every `size` bytes, and behind what is left
+# ---- blocks of `size` bytes with check codes, and an incomplete block at the end
 
 
 def add_codes(data: bytes | bytearray, size: int, code: Callable[[bytes], bytes]) -> bytes:
-    """Blocks of content, each with its check code behind."""
+    """Return the content in blocks of `size` bytes, each followed by its check code."""
     found: list[bytes] = []
     for place in range(0, len(data), size):
         block = bytes(data[place : place + size])
@@ -209,7 +216,10 @@ def add_codes(data: bytes | bytearray, size: int, code: Callable[[bytes], bytes]
 def strip_codes(
     data: bytes | bytearray, size: int, code: Callable[[bytes], bytes], width: int, digits: bool = False
 ) -> bytes:
-    """The content again; digits of codes may be in either case. Raises ValueError for a wrong code, or none."""
+    """Return the decoded content; `digits`: digits of codes match in either case.
+
+    Raises ValueError for a wrong or missing code.
+    """
     found: list[bytes] = []
     for place in range(0, len(data), size + width):
         part = bytes(data[place : place + size + width])
@@ -221,7 +231,7 @@ def strip_codes(
 
 
 def open_codes(raw: bytes, size: int, code: Callable[[bytes], bytes], width: int, digits: bool = False) -> Opened:
-    """The same with care; content with a wrong code is content all the same."""
+    """Decode carefully a content in blocks; the content is returned even if a code is wrong."""
     content: list[bytes] = []
     places: list[int] = []
     expected = found = ""
@@ -241,23 +251,29 @@ def open_codes(raw: bytes, size: int, code: Callable[[bytes], bytes], width: int
     return b"".join(content), [*places, len(raw)], ""
 
 
-# ---- bytes left out at the end
+# ---- omitted fill bytes at the end
 
 
 def shorten(data: bytes | bytearray, fill: bytes, least: int) -> bytes:
-    """Content without such bytes at its end; the first `least` bytes always stay."""
+    """Return the content without trailing fill bytes; at least the first `least` bytes remain."""
     return bytes(data[: max(len(data.rstrip(fill)), least)])
 
 
 def fill_up(data: bytes | bytearray, fill: bytes, least: int, size: int) -> bytes:
-    """The content again. Raises ValueError for more bytes than it has, and for too few."""
+    """Return the decoded content of `size` bytes.
+
+    Raises ValueError for fewer than `least` or more than `size` bytes.
+    """
     if not least <= len(data) <= size:
         raise Unfit(f"{len(data)} bytes are none of {least} to {size}")
     return bytes(data.ljust(size, fill))
 
 
 def open_short(raw: bytes, fill: bytes, least: int, size: int) -> Opened:
-    """The same with care; what is left out stands where the region ends."""
+    """Decode carefully a content without its trailing fill bytes.
+
+    Omitted bytes have the offset of the end of the region.
+    """
     if len(raw) < least:
         return b"", [len(raw)], "short"
     if len(raw) > size:

@@ -1,8 +1,8 @@
-"""The plain functions behind both compilers: check codes, conversions, swaps, number forms, functions of expressions.
+"""Implement check codes, conversions, swaps, number forms and functions of expressions for both compilers.
 
-Their source is inlined into generated modules that stand alone. So every function here is on its own: it knows no
-framekit, only standard imports and other functions of this module, and no constant of it. They are written for speed
-where a frame needs them; comments say what was measured (CPython 3.11).
+Their source is inlined into standalone generated modules. So each function uses only standard imports and other
+functions of this module, and no constants. They are optimized where frames need it; comments give the measurements
+(CPython 3.11).
 """
 
 from __future__ import annotations
@@ -16,26 +16,26 @@ from sys import byteorder
 from typing import Any
 
 
-class Unfit(ValueError):  # noqa: N818 - a value, not a fault of the program
-    """A value or bytes that a form cannot carry; what it says is meant for people."""
+class Unfit(ValueError):  # noqa: N818 - the fault of a value, not of the program
+    """Report a value or bytes that a form cannot represent; the message is for users."""
 
 
 # --- sums -----------------------------------------------------------------------------------------------------------
 
 
 def word_sum_big(data: bytes | bytearray, mask: int = 0xFFFF) -> int:
-    """The sum of words, high byte first, cut by `mask`. An odd last byte is a high byte: a word with 00 behind it."""
+    """Return the sum of big-endian words, masked by `mask`; an odd last byte is a high byte, as if followed by 00."""
     return (sum(data[::2]) << 8) + sum(data[1::2]) & mask
 
 
 def word_sum_little(data: bytes | bytearray, mask: int = 0xFFFF) -> int:
-    """The sum of words, low byte first, cut by `mask`. An odd last byte is a low byte: a word with 00 behind it."""
+    """Return the sum of little-endian words, masked by `mask`; an odd last byte is a low byte, as if followed by 00."""
     return sum(data[::2]) + (sum(data[1::2]) << 8) & mask
 
 
 def xor8(data: bytes | bytearray) -> int:
-    """The exclusive or of all bytes."""
-    if len(data) > 40:  # one big number folded onto itself: 3 times as fast as a loop over 250 bytes
+    """Return the exclusive or of all bytes."""
+    if len(data) > 40:  # folding one large number: 3 times as fast as a loop for 250 bytes
         number = int.from_bytes(data, "big")
         shift = 1 << (8 * len(data) - 1).bit_length() >> 1
         while shift >= 8:
@@ -49,12 +49,12 @@ def xor8(data: bytes | bytearray) -> int:
 
 
 def xor_words(data: bytes | bytearray, size: int, little: bool = False) -> int:
-    """The exclusive or of words of `size` bytes; the last one is filled up with 00 behind."""
+    """Return the exclusive or of words of `size` bytes; the last word is padded with 00 at its end."""
     return int.from_bytes([xor8(data[place::size]) for place in range(size)], "little" if little else "big")
 
 
 def or8(data: bytes | bytearray) -> int:
-    """All bytes combined by OR."""
+    """Return the bitwise or of all bytes."""
     code = 0
     for byte in data:
         code |= byte
@@ -62,7 +62,7 @@ def or8(data: bytes | bytearray) -> int:
 
 
 def multiply(data: bytes | bytearray, start: int = 1, mask: int = 0xFF) -> int:
-    """`start` multiplied by every byte, cut by `mask`. A byte 00 makes the code 0."""
+    """Return `start` multiplied by every byte, masked by `mask`; a byte 00 makes the code 0."""
     code = start
     for byte in data:
         code = code * byte & mask
@@ -73,14 +73,14 @@ def multiply(data: bytes | bytearray, start: int = 1, mask: int = 0xFF) -> int:
 
 
 def reflect(value: int, width: int) -> int:
-    """`value` with its `width` bits in reverse order."""
+    """Return `value` with its `width` bits in reverse order."""
     return int(f"{value:0{width}b}"[::-1], 2)
 
 
 def make_crc_table(width: int, poly: int, refin: bool) -> tuple[int, ...]:
-    """256 registers: what each byte makes of an empty one.
+    """Return 256 registers: the result of each byte with an empty register.
 
-    With `refin` they hold the lowest power in the highest bit. Without it, codes under 8 bits stand left in a byte.
+    With `refin` the highest bit is the lowest power. Without it, codes of less than 8 bits are left-aligned in a byte.
     """
     table = [0] * 256
     if refin:
@@ -102,10 +102,11 @@ def make_crc_table(width: int, poly: int, refin: bool) -> tuple[int, ...]:
 
 
 def make_crc_words(poly: int, refin: bool) -> tuple[int, ...]:
-    """The table of a CRC of 16 bits for two bytes at once: 65536 registers, what each word makes of an empty one.
+    """Return the table of a 16-bit CRC for two bytes at once: the result of each word with an empty register.
 
-    A word is read as the register meets it, so the byte that comes first is the low one with `refin`, else the high
-    one. Every row is another one with a constant put on, which big numbers do at once: 2 ms, a loop takes 3.
+    A word has the byte order of the register: its first byte is the low byte with `refin`, else the high byte. All rows
+    are equal except for an exclusive or with a constant, which large numbers compute at once: 2 ms instead of 3 ms in a
+    loop.
     """
     table = make_crc_table(16, poly, refin)
     after = [code >> 8 ^ table[code & 0xFF] if refin else code << 8 & 0xFFFF ^ table[code >> 8] for code in table]
@@ -114,23 +115,23 @@ def make_crc_words(poly: int, refin: bool) -> tuple[int, ...]:
     words = array("H", b"".join((number ^ offset * ones).to_bytes(512, "little") for offset in offsets))
     if byteorder == "big":
         words.byteswap()
-    return tuple(words)  # its items are reached in half the time of the array's
+    return tuple(words)  # indexing takes half the time of an array
 
 
 def make_mirror() -> bytes:
-    """256 bytes: every byte's bits in reverse order, for `bytes.translate`."""
+    """Return 256 bytes with the bits of every byte in reverse order, for `bytes.translate`."""
     return bytes(reflect(byte, 8) for byte in range(256))
 
 
 def crc_reflected(data: bytes | bytearray, table: tuple[int, ...], code: int) -> int:
-    """A reflected CRC of any width. `code` is the register before and after, lowest power in the highest bit."""
+    """Return a reflected CRC of any width; `code` is the register before, with the lowest power in the highest bit."""
     for byte in data:
         code = code >> 8 ^ table[(code ^ byte) & 0xFF]
     return code
 
 
 def crc_forward(data: bytes | bytearray, table: tuple[int, ...], width: int, code: int) -> int:
-    """A CRC of at least 8 bits that is not reflected. `code` is the register before and after."""
+    """Return a CRC of at least 8 bits that is not reflected; `code` is the register before."""
     shift = width - 8
     low = (1 << shift) - 1
     for byte in data:
@@ -139,14 +140,17 @@ def crc_forward(data: bytes | bytearray, table: tuple[int, ...], width: int, cod
 
 
 def crc_narrow(data: bytes | bytearray, table: tuple[int, ...], code: int) -> int:
-    """A CRC of up to 8 bits; one that is not reflected stands left in the byte, before and after."""
+    """Return a CRC of up to 8 bits; a code that is not reflected is left-aligned in the byte, before and after."""
     for byte in data:
         code = table[code ^ byte]
     return code
 
 
 def crc16_reflected(data: bytes | bytearray, words: tuple[int, ...], code: int) -> int:
-    """A reflected CRC of 16 bits, two bytes a step: 1.2 (23 bytes) to 1.9 times (250) as fast as one by one."""
+    """Return a reflected 16-bit CRC, two bytes per step.
+
+    This is 1.2 times (23 bytes) to 1.9 times (250 bytes) as fast as single bytes.
+    """
     odd = len(data) & 1
     units = array("H", data[:-1] if odd else data)
     if byteorder == "big":
@@ -157,7 +161,7 @@ def crc16_reflected(data: bytes | bytearray, words: tuple[int, ...], code: int) 
 
 
 def crc16_forward(data: bytes | bytearray, words: tuple[int, ...], code: int) -> int:
-    """A CRC of 16 bits that is not reflected; see `crc16_reflected`."""
+    """Return a 16-bit CRC that is not reflected; see `crc16_reflected`."""
     odd = len(data) & 1
     units = array("H", data[:-1] if odd else data)
     if byteorder == "little":
@@ -168,7 +172,7 @@ def crc16_forward(data: bytes | bytearray, words: tuple[int, ...], code: int) ->
 
 
 def crc_1021_reflected(data: bytes | bytearray, mirror: bytes, init: int) -> int:
-    """The reflected CRC of 16 bits with polynomial 1021: the library's fast forward one on mirrored bytes."""
+    """Return the reflected 16-bit CRC with polynomial 1021, from the library's fast forward CRC over mirrored bytes."""
     code = binascii.crc_hqx(data.translate(mirror), init)
     return mirror[code & 0xFF] << 8 | mirror[code >> 8]
 
@@ -182,7 +186,7 @@ def crc(
     refout: bool,
     xorout: int,
 ) -> int:
-    """A CRC by its catalogue parameters, with the table of `make_crc_table(width, poly, refin)`."""
+    """Return a CRC by its catalogue parameters, with the table of `make_crc_table(width, poly, refin)`."""
     if refin:
         code = crc_reflected(data, table, reflect(init, width))
     elif width < 8:
@@ -196,35 +200,35 @@ def crc(
 
 
 def build_hex(value: int, places: int) -> bytes:
-    """Upper-case hex digits, highest first. Raises ValueError if the value is negative or too large."""
+    """Return upper-case hex digits, most significant first. Raises ValueError for a negative or too large value."""
     if not places or value >> 4 * places:
         raise Unfit(f"{value} does not fit into {places} hex digits")
     return b"%0*X" % (places, value)
 
 
 def build_hex_little(value: int, places: int) -> bytes:
-    """Upper-case hex digits, the last byte's two first: 1234h is `3412`. Raises ValueError, also for odd places."""
+    """Return upper-case hex digits in little-endian pairs: 1234h is `3412`. Raises ValueError, also for odd places."""
     if not places or value >> 4 * places or places % 2:
         raise Unfit(f"{value} does not fit into {places} hex digits in pairs")
     return binascii.hexlify(value.to_bytes(places >> 1, "little")).upper()
 
 
 def parse_hex(digits: bytes | bytearray) -> int:
-    """A number from hex digits of either case, highest first. Raises ValueError."""
-    if not digits or digits.strip(b"0123456789ABCDEFabcdef"):  # int() alone takes signs, spaces, _ and 0x
+    """Return a number from hex digits of either case, most significant first. Raises ValueError."""
+    if not digits or digits.strip(b"0123456789ABCDEFabcdef"):  # int() also accepts signs, spaces, _ and 0x
         raise Unfit(f"{bytes(digits)!r} is not a number in hex digits")
     return int(digits, 16)
 
 
 def parse_hex_little(digits: bytes | bytearray) -> int:
-    """A number from pairs of hex digits, the last byte's first. Raises ValueError."""
+    """Return a number from little-endian pairs of hex digits. Raises ValueError."""
     if not digits or len(digits) % 2 or digits.strip(b"0123456789ABCDEFabcdef"):
         raise Unfit(f"{bytes(digits)!r} is not a number in pairs of hex digits")
     return int.from_bytes(binascii.unhexlify(digits), "little")
 
 
 def build_dec(value: int, places: int) -> bytes:
-    """Decimal digits, highest first. Raises ValueError if the value is negative or too large."""
+    """Return decimal digits, most significant first. Raises ValueError for a negative or too large value."""
     digits = b"%0*d" % (places, value | 0)
     if value < 0 or len(digits) > places:
         raise Unfit(f"{value} does not fit into {places} decimal digits")
@@ -232,30 +236,30 @@ def build_dec(value: int, places: int) -> bytes:
 
 
 def parse_dec(digits: bytes | bytearray) -> int:
-    """A number from decimal digits, highest first. Raises ValueError."""
+    """Return a number from decimal digits, most significant first. Raises ValueError."""
     if not digits.isdigit():
         raise Unfit(f"{bytes(digits)!r} is not a number in decimal digits")
     return int(digits)
 
 
 def build_oct(value: int, places: int) -> bytes:
-    """Octal digits, highest first. Raises ValueError if the value is negative or too large."""
+    """Return octal digits, most significant first. Raises ValueError for a negative or too large value."""
     if not places or value >> 3 * places:
         raise Unfit(f"{value} does not fit into {places} octal digits")
     return b"%0*o" % (places, value)
 
 
 def parse_oct(digits: bytes | bytearray) -> int:
-    """A number from octal digits, highest first. Raises ValueError."""
+    """Return a number from octal digits, most significant first. Raises ValueError."""
     if not digits or digits.strip(b"01234567"):
         raise Unfit(f"{bytes(digits)!r} is not a number in octal digits")
     return int(digits, 8)
 
 
 def exact_decimal(value: Any) -> Decimal:
-    """A number as it is written: a float is the shortest decimal that means it, a whole one without decimals.
+    """Return a number as Decimal: for a float the shortest decimal of the same value, without decimals if it is whole.
 
-    Raises ValueError for others.
+    Raises ValueError for other values.
     """
     if isinstance(value, float):
         value = repr(value).removesuffix(".0")
@@ -270,12 +274,12 @@ def exact_decimal(value: Any) -> Decimal:
 def build_decimal(
     value: Any, size: int | None, decimals: int | None, sign: str, digits: int, fill: bytes, exponent: int, point: bool
 ) -> bytes:
-    """A number as decimal text; `size` None: as long as it takes, up to 256 characters; nothing is no text at all.
+    """Return a number as decimal text of `size` characters; None: as many as necessary, at most 256.
 
-    `decimals` digits behind the point (None: as many as the value has), at least `digits` before it; `fill` stands in
-    front, zeros behind the sign. `sign`: `minus`, `always`, `space` or `never`. With digits of an `exponent` one digit
-    stands before the point. `point`: it stands without digits behind it too. Raises ValueError for what such a text
-    cannot say.
+    None as value and size gives an empty text. `decimals`: number of digits after the point (None: as many as the value
+    has); `digits`: minimum number before it. `fill`: the padding in front, zeros after the sign. `sign`: `minus`,
+    `always`, `space` or `never`. With an `exponent` (its number of digits) one digit precedes the point. `point`: write
+    the point even without decimals. Raises ValueError for a value without a representation.
     """
     if value is None and size is None:
         return b""
@@ -326,10 +330,10 @@ def parse_decimal(
     exponent: int,
     point: bool,
 ) -> Any:
-    """The number that a decimal text shows: whole ones without point and exponent, others exact. Raises ValueError.
+    """Return the number of a decimal text: an int without point and exponent, else an exact Decimal. Raises ValueError.
 
-    What `build_decimal` would write otherwise is refused, so that the same bytes come of the number. `fixed`: the text
-    has a size.
+    A text that `build_decimal` would write differently is refused, so that building restores the bytes. `fixed`: the
+    text has a size.
     """
     plain = bytes(text.lstrip(fill) if fixed and fill != b"0" else text).removeprefix(b" " if sign == "space" else b"")
     if len(text) > 256 or not re.fullmatch(rb"[+-]?[0-9]*(\.[0-9]*)?(E[+-][0-9]{1,4})?", plain):
@@ -345,12 +349,12 @@ def parse_decimal(
 
 
 def scaled(wire: int, factor: int, offset: int, places: int) -> Decimal:
-    """The number `wire` times a factor, and an offset more, both counted in 10 to the power -`places`; exact."""
+    """Return `wire` times a factor plus an offset, both in units of 10 to the power -`places`; the result is exact."""
     return Decimal(f"{wire * factor + offset}E-{places}")
 
 
 def unscaled(value: Any, factor: int, offset: int, places: int, least: int | None, most: int | None) -> int:
-    """The reverse of `scaled`. Raises ValueError for what no number from `least` to `most` stands for."""
+    """Return the reverse of `scaled`. Raises ValueError if no number from `least` to `most` represents the value."""
     whole = exact_decimal(value).as_tuple()
     power = int(whole.exponent) + places
     if abs(power) > 999 or len(whole.digits) > 999:
@@ -367,7 +371,7 @@ def unscaled(value: Any, factor: int, offset: int, places: int, least: int | Non
 
 
 def find_stop(data: bytes | bytearray, stops: bytes | tuple[bytes, ...], at: int, end: int) -> int:
-    """The first place of one of some bytes, or of one of some pieces; -1 if none is there before `end`."""
+    """Return the first offset of one of several bytes or byte strings; -1 if none occurs before `end`."""
     found, longest = -1, max(map(len, stops)) if isinstance(stops, tuple) else 1
     for stop in stops:
         place = data.find(stop, at, end)
@@ -377,7 +381,7 @@ def find_stop(data: bytes | bytearray, stops: bytes | tuple[bytes, ...], at: int
 
 
 def index_stop(data: bytes | bytearray, stops: bytes | tuple[bytes, ...], at: int) -> int:
-    """The first place of one of some bytes, or of one of some pieces. Raises ValueError if none is there."""
+    """Return the first offset of one of several bytes or byte strings. Raises ValueError if none occurs."""
     place = find_stop(data, stops, at, len(data))
     if place < 0:
         raise ValueError("none of the ends is there")
@@ -388,7 +392,10 @@ def index_stop(data: bytes | bytearray, stops: bytes | tuple[bytes, ...], at: in
 
 
 def build_bcd(value: int, size: int) -> bytes:
-    """Two decimal digits a byte, highest first. Raises ValueError if the value is negative or too large."""
+    """Return two decimal digits per byte, most significant first.
+
+    Raises ValueError for a negative or too large value.
+    """
     if size == 1 and 0 <= value <= 99:  # by far the most frequent
         return b"%c" % (value + 6 * (value // 10))
     digits = f"{value:0{2 * size}d}"
@@ -398,7 +405,7 @@ def build_bcd(value: int, size: int) -> bytes:
 
 
 def parse_bcd(data: bytes | bytearray) -> int:
-    """A number from bytes of two decimal digits, highest first. Raises ValueError for half bytes from A to F."""
+    """Return a number from two decimal digits per byte, most significant first. Raises ValueError for digits A to F."""
     if len(data) == 1:  # by far the most frequent
         number = data[0]
         if number > 0x99 or number & 0x0F > 9:
@@ -411,32 +418,32 @@ def parse_bcd(data: bytes | bytearray) -> int:
 
 
 def split_nibbles(data: bytes | bytearray) -> bytes:
-    """Every half byte as a byte 30h + nibble, high one first: A to F become 3A to 3F, not the letters."""
+    """Return each half byte as a byte 30h + nibble, high half first: A to F become 3A to 3F instead of letters."""
     return binascii.hexlify(data).translate(bytes.maketrans(b"abcdef", b":;<=>?"))
 
 
 def join_nibbles(nibbles: bytes | bytearray) -> bytes:
-    """The reverse of `split_nibbles`. Raises ValueError for an odd count or a byte outside 30h to 3Fh."""
+    """Return the reverse of `split_nibbles`. Raises ValueError for an odd count or a byte outside 30h to 3Fh."""
     if nibbles.strip(b"0123456789:;<=>?"):
         raise Unfit(f"{bytes(nibbles)!r} is not made of half bytes")
     return binascii.unhexlify(nibbles.translate(bytes.maketrans(b":;<=>?", b"abcdef")))
 
 
 def build_nibbles(value: int, size: int) -> bytes:
-    """A number of `size` bytes, big-endian, as 2 × `size` half bytes. Raises OverflowError."""
+    """Return a number of `size` bytes, big-endian, as 2 × `size` half bytes. Raises OverflowError."""
     return split_nibbles(value.to_bytes(size, "big"))
 
 
 def parse_nibbles(nibbles: bytes | bytearray) -> int:
-    """A number from half bytes, big-endian. Raises ValueError."""
+    """Return a number from half bytes, big-endian. Raises ValueError."""
     return int.from_bytes(join_nibbles(nibbles), "big")
 
 
 def reorder(data: bytes | bytearray, order: str) -> bytes:
-    """Big-endian bytes of a number of 2, 4 or 8 bytes put into `order`, and back: it is its own reverse.
+    """Convert the big-endian bytes of a number of 2, 4 or 8 bytes to `order`, or back: the function is its own reverse.
 
-    `ABCD` or `big` as it is, `DCBA` or `little` the last byte first, `BADC` the bytes of every word swapped, `CDAB`
-    the last word first. Raises ValueError for another order.
+    `ABCD` or `big`: unchanged; `DCBA` or `little`: last byte first; `BADC`: bytes of each word swapped; `CDAB`: last
+    word first. Raises ValueError for any other order.
     """
     if order in ("big", "ABCD"):
         return bytes(data)
@@ -452,28 +459,31 @@ def reorder(data: bytes | bytearray, order: str) -> bytes:
 
 
 def build_int(value: int, size: int, order: str, signed: bool = False) -> bytes:
-    """An integer of `size` bytes in one of the orders of `reorder`. Raises OverflowError if it does not fit."""
+    """Return an integer as `size` bytes in an order of `reorder`. Raises OverflowError if it does not fit."""
     return reorder(value.to_bytes(size, "big", signed=signed), order)
 
 
 def parse_int(data: bytes | bytearray, order: str, signed: bool = False) -> int:
-    """An integer from bytes in one of the orders of `reorder`."""
+    """Return an integer from bytes in an order of `reorder`."""
     return int.from_bytes(reorder(data, order), "big", signed=signed)
 
 
 def build_float(value: float, size: int, order: str) -> bytes:
-    """An IEEE 754 number of 2, 4 or 8 bytes in an order of `reorder`. Raises OverflowError if it is too large."""
+    """Return an IEEE 754 number as 2, 4 or 8 bytes in an order of `reorder`.
+
+    Raises OverflowError if it is too large.
+    """
     return reorder(struct.pack({2: ">e", 4: ">f", 8: ">d"}[size], value), order)
 
 
 def parse_float(data: bytes | bytearray, order: str) -> float:
-    """An IEEE 754 number from 2, 4 or 8 bytes in one of the orders of `reorder`."""
+    """Return an IEEE 754 number from 2, 4 or 8 bytes in an order of `reorder`."""
     value: float = struct.unpack({2: ">e", 4: ">f", 8: ">d"}[len(data)], reorder(data, order))[0]
     return value
 
 
 def room(size: int) -> int:
-    """A size that is computed, as far as a frame has room for it. Raises ValueError."""
+    """Return a computed size unchanged. Raises ValueError if it exceeds the limit for frames."""
     if size > 1_048_576:
         raise Unfit(f"{size} bytes or digits are too many, 1048576 are possible")
     return size
@@ -483,7 +493,7 @@ def room(size: int) -> int:
 
 
 def build_terminated(text: str, end: bytes) -> bytes:
-    """Text and the bytes `end` behind it. Raises ValueError if `end` would be found before the end."""
+    """Return text followed by the bytes `end`. Raises ValueError if `end` occurs earlier."""
     data = text.encode("latin-1") + end
     if data.find(end) != len(data) - len(end):
         raise Unfit(f"{text!r} holds its own end {end!r}")
@@ -491,7 +501,10 @@ def build_terminated(text: str, end: bytes) -> bytes:
 
 
 def build_stopped(text: str, stops: bytes | tuple[bytes, ...]) -> bytes:
-    """Text that ends before the first of `stops`, bytes or pieces. Raises ValueError if one of them stands in it."""
+    """Return text that ends before the first of `stops` (bytes or byte strings).
+
+    Raises ValueError if it contains one of them.
+    """
     data = text.encode("latin-1")
     for stop in stops:
         if stop in data:
@@ -504,17 +517,17 @@ def build_stopped(text: str, stops: bytes | tuple[bytes, ...]) -> bytes:
 
 
 def hex_to_ascii(data: bytes | bytearray) -> bytes:
-    """Every byte as two upper-case hex digits."""
+    """Return every byte as two upper-case hex digits."""
     return binascii.hexlify(data).upper()  # a little faster than data.hex().upper().encode()
 
 
 def ascii_to_hex(digits: bytes | bytearray) -> bytes:
-    """Two hex digits of either case become a byte. Raises ValueError for an odd count or anything but a digit."""
+    """Return a byte for two hex digits of either case. Raises ValueError for an odd count or other characters."""
     return binascii.unhexlify(digits)  # bytes.fromhex would skip spaces
 
 
 def swap(data: bytes | bytearray, size: int) -> bytes:
-    """The bytes of every unit of `size` (2, 4 or 8) in reverse order; a rest that fills no unit stays as it is."""
+    """Return the bytes with each unit of `size` (2, 4 or 8) reversed; an incomplete unit at the end is unchanged."""
     rest = len(data) % size
     if rest:
         return swap(data[:-rest], size) + data[-rest:]
@@ -527,7 +540,7 @@ def swap(data: bytes | bytearray, size: int) -> bytes:
 
 
 def digits(n: int, width: int, base: int = 16) -> str:
-    """`n` in exactly `width` upper-case digits of base 16, 10, 8 or 2. Raises ValueError."""
+    """Return `n` in exactly `width` upper-case digits of base 16, 10, 8 or 2. Raises ValueError."""
     if width > 4096:
         raise Unfit(f"{width} digits are too many")
     letter = {16: "X", 10: "d", 8: "o", 2: "b"}.get(base)
@@ -540,7 +553,7 @@ def digits(n: int, width: int, base: int = 16) -> str:
 
 
 def number(text: str | bytes | bytearray, base: int = 10) -> int:
-    """The number that text or bytes show in digits of `base`, nothing else around them. Raises ValueError."""
+    """Return the number in text or bytes that consist only of digits of `base`. Raises ValueError."""
     if not isinstance(text, str):
         text = text.decode("latin-1")
     if not text or text.lower().strip("0123456789abcdefghijklmnopqrstuvwxyz"[:base]):
@@ -549,57 +562,57 @@ def number(text: str | bytes | bytearray, base: int = 10) -> int:
 
 
 def bit(x: int, n: int) -> int:
-    """Bit `n` of `x`, 0 or 1; bit 0 is the lowest."""
+    """Return bit `n` of `x`, 0 or 1; bit 0 is the lowest."""
     return x >> n & 1
 
 
 def times(x: float, y: float) -> float:
-    """`x * y` of numbers; a text or bytes so many times could be of any size. Raises TypeError."""
+    """Return `x * y` for numbers. Raises TypeError for texts and bytes, whose multiples could be of any size."""
     if not isinstance(x, (int, float)) or not isinstance(y, (int, float)):
         raise TypeError("'*' multiplies numbers")
     return x * y
 
 
 def rotl8(x: int, n: int) -> int:
-    """The byte `x` rotated left by `n` bits."""
+    """Return the byte `x` rotated left by `n` bits."""
     n &= 7
     x &= 0xFF
     return (x << n | x >> 8 - n) & 0xFF
 
 
 def xor(one: bytes, other: bytes) -> bytes:
-    """Each byte of one combined by exclusive or with that of the other. Raises ValueError for different lengths."""
+    """Return the bytewise exclusive or of two byte strings. Raises ValueError for different lengths."""
     if not isinstance(one, (bytes, bytearray)) or not isinstance(other, (bytes, bytearray)) or len(one) != len(other):
         raise Unfit("exclusive or takes as many bytes of both")
     return (int.from_bytes(one, "big") ^ int.from_bytes(other, "big")).to_bytes(len(one), "big")
 
 
 def same(items: Any) -> bool:
-    """Whether all items are equal; so they are if there are none."""
+    """Return whether all items are equal, which is true for an empty list."""
     return all(item == items[0] for item in items)
 
 
 def find(table: Any, value: Any) -> Any:
-    """The least key whose entry equals `value`, None if there is none; in a list the place, the first one is 0."""
+    """Return the least key whose entry equals `value`, or None; for a list the index."""
     entries = enumerate(table) if isinstance(table, (list, tuple)) else table.items()
     return min([key for key, entry in entries if entry == value], default=None)
 
 
 def find_last(table: Any, value: Any) -> Any:
-    """The greatest key whose entry equals `value`, None if there is none; in a list the place."""
+    """Return the greatest key whose entry equals `value`, or None; for a list the index."""
     entries = enumerate(table) if isinstance(table, (list, tuple)) else table.items()
     return max([key for key, entry in entries if entry == value], default=None)
 
 
 def item_at(items: Any, place: Any) -> Any:
-    """What stands at a place that `find` or `find_last` gave; nothing at none."""
+    """Return the item at an index from `find` or `find_last`; None for None."""
     return None if place is None else items[place]
 
 
 def free(table: Any) -> int | None:
-    """The least key without an entry, None if all are taken.
+    """Return the least key without an entry, or None if all are used.
 
-    A table of the state tells its first and last key as `limits`; a plain dictionary has room for the keys 0 to 255.
+    A table of the state has its first and last key as `limits`; a plain dictionary has the keys 0 to 255.
     """
     first, last = getattr(table, "limits", (0, 255))
     for key in range(first, last + 1):
@@ -609,15 +622,18 @@ def free(table: Any) -> int | None:
 
 
 def either(a: Any, b: Any) -> Any:
-    """`a`, or `b` if `a` is None."""
+    """Return `a`, or `b` if `a` is None."""
     return b if a is None else a
 
 
 def only(text: Any, letters: Any) -> bool:
-    """Whether `text` is made of nothing but `letters`, both text or both bytes; empty text is."""
+    """Return whether `text` contains only `letters` (both text or both bytes); true for empty text."""
     return not text.strip(letters)
 
 
 def span(bit: int, count: int) -> int:
-    """How many bytes `count` bits from bit number `bit` on touch, each bit at its natural place in its byte."""
+    """Return the number of bytes that `count` bits from bit number `bit` on touch.
+
+    Bit 0 is at the start of a byte.
+    """
     return (bit % 8 + count + 7) // 8 if count else 0

@@ -1,6 +1,4 @@
-"""Write check codes in C: a function per method, which processes adjacent pieces of bytes, and the encoding of a
-code.
-"""
+"""Write check codes in C: a function per method that processes bytes piece by piece, and the encoding of codes."""
 
 from __future__ import annotations
 

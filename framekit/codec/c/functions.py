@@ -185,8 +185,9 @@ class CFunctionWriter:
         return local
 
     def keep(self, local: str, text: str) -> None:
-        """Write the assignment of a computed value to a local; if it fails, the function returns or records a
-        failure.
+        """Write the assignment of a computed value to a local.
+
+        If it fails, the function returns or records a failure.
         """
         raise NotImplementedError
 

@@ -73,8 +73,9 @@ def support_parts() -> dict[str, tuple[tuple[str, ...], str]]:
 
 
 class CFile:
-    """Both files while they are written. It provides names, tables, helpers and check codes to expressions and
-    functions.
+    """Both files while they are written.
+
+    It provides names, tables, helpers and check codes to expressions and functions.
     """
 
     def __init__(self, protocol: Protocol, most: int = MOST_BYTES) -> None:
@@ -131,8 +132,9 @@ class CFile:
         return in_order(self.static, frames)
 
     def given(self, node: Name) -> Val:
-        """Return a parameter, a state variable or a table. Raises CannotSayError for names that only a running engine
-        knows.
+        """Return a parameter, a state variable or a table.
+
+        Raises CannotSayError for names that only a running engine knows.
         """
         name = node.name
         if name in self.asked:
@@ -292,10 +294,10 @@ class CFile:
         return name
 
     def first_inside(self, segment: Inner) -> str:
-        """Return the function that measures an inner frame: the length of the first frame that fits, or the missing
-        bytes.
+        """Return the function that measures an inner frame.
 
-        Its parameters state the size of the later segments, and whether no more bytes will arrive (`whole`).
+        It returns the length of the first frame that fits, or the number of missing bytes. Its parameters state the
+        size of the later segments, and whether no more bytes will arrive (`whole`).
         """
         frames = tuple(dict.fromkeys(segment.frames))
         if frames in self.firsts:
@@ -356,8 +358,9 @@ class CFile:
         return name
 
     def nearest_inside(self, segment: Inner) -> str:
-        """Return the function that determines the fault if no frame fits: the fault of the frame that is read
-        furthest.
+        """Return the function that determines the fault if no frame fits.
+
+        This is the fault of the frame that is read furthest.
         """
         frames = tuple(dict.fromkeys(segment.frames))
         if frames in self.nearest:
@@ -531,8 +534,9 @@ class _Writing:
             file.not_measured[frame.name] = error.problem
 
     def _context(self) -> None:
-        """Determine whether expressions read names other than fields, since all functions must then pass the context
-        on.
+        """Determine whether functions need the context: whether expressions read names other than fields.
+
+        The result must be known in advance, since all functions pass the context on.
         """
         file = self.file
         probe = CFile(self.protocol, file.layouts.most)

@@ -334,8 +334,9 @@ class CMeasureWriter(CFunctionWriter):
         return right
 
     def _ends_here(self, total: str, tail: str) -> None:
-        """Write a return of the length if the frame is valid, or has its first fault before the tail and no wrong check
-        code.
+        """Write a return of the length if the frame ends here.
+
+        It does if it is valid, or if its first fault is before the tail and no check code is wrong.
         """
         name = identifier(self.frame.name)
         scratch, notes, fault = self.fresh("scratch"), self.fresh("notes"), self.fresh("fault")

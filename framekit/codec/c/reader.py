@@ -302,8 +302,9 @@ class ReadWriter(CFunctionWriter):
         *,
         all_is_read: bool = True,
     ) -> None:
-        """Write the reading of a buffer; the segments after its last variable part are read even after a fault in
-        it.
+        """Write the reading of a buffer.
+
+        The segments after its last variable part are read even after a fault in it.
         """
         self.declare(segments, scope, struct, path)
         here = (scope, struct, path)

@@ -32,8 +32,9 @@ _MACROS = re.compile(
 
 
 def identifier(name: str) -> str:
-    """Return a C name for any text: other characters than letters, digits and _ become _; reserved words get a trailing
-    _.
+    """Return a C name for any text: other characters than letters, digits and _ become _.
+
+    Reserved words get a trailing _.
     """
     found = "".join(sign if sign.isascii() and (sign.isalnum() or sign == "_") else "_" for sign in name)
     if not found or not found[0].isalpha():

@@ -118,8 +118,9 @@ class WriteWriter(CFunctionWriter):
         return ordered
 
     def _rounds(self, lines: list[str]) -> list[str]:
-        """Return the lines in a loop that repeats until the lengths of assembled bytes are stable, at most four times
-        more.
+        """Return the lines in a loop that repeats until the lengths of assembled bytes are stable.
+
+        The loop fails after five rounds.
         """
         if not self.lengths:
             return lines

@@ -422,8 +422,9 @@ class KsyBlock:
     def _constant(
         self, expression: Expression, values: Mapping[int, str] | None, type_: FieldType | None = None
     ) -> str:  # fmt: skip
-        """Return the text of an expression; a name becomes its number, a fraction is rounded as a field of the type
-        does.
+        """Return the text of an expression.
+
+        A name becomes its number, a fraction is rounded as a field of the type does.
         """
         if isinstance(expression.root, Real):
             number = float(expression.root.value)
@@ -640,9 +641,7 @@ class KsyBlock:
         self.scope.entries[segment.name] = KsyEntry(path, "bytes", {}, why)
 
     def _rest(self, segment: Segment, after: BytesBehind, following: Segment | None, never: bytes = b"") -> Keys:
-        """Return the keys for the end of a segment that takes the rest: the end of the stream, a size, or a
-        terminator.
-        """
+        """Return the keys for the end of a segment that takes the rest: end of the stream, size, or terminator."""
         if after.is_nothing:
             return {"size-eos": True}
         if not after.is_open:

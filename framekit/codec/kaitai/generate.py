@@ -1,5 +1,4 @@
-"""Generate a Kaitai Struct file from a definition: a type per frame, and a top type that takes the frame as a
-parameter.
+"""Generate a Kaitai Struct file from a definition: a type per frame, and a top type with the frame as parameter.
 
 The stream holds one whole frame, like the input of `framekit decode`. Parts that Kaitai cannot express are reported
 with their position. A frame that is not readable without them becomes a type that fails, so that no wrong value is
@@ -104,9 +103,7 @@ class _FileWriter:
         return KaitaiFile(self.file.name, text, self.file.types, tuple(read), asked, tuple(sorted(self.file.problems)))
 
     def _limit(self, frame: Frame, keys: Keys) -> None:
-        """Add the size limit of a frame, if it does not follow from its parts, and the check that it fills its
-        stream.
-        """
+        """Add the size limit of a frame, unless it follows from its parts, and the check that it fills its stream."""
         most = self.static.frame(frame.name).most
         texts = ["_io.eof"] if frame.name in self.file.inside else []
         if any(isinstance(one, Fill) for one in self.static.segments(frame)):

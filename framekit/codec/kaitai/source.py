@@ -70,8 +70,9 @@ def _squashed(name: str) -> str:
 
 
 def prose(text: str) -> str:
-    """Return a text for `doc` on one line, without sequences that could end a comment, since Kaitai copies it into
-    comments.
+    """Return a text for `doc` on one line, without sequences that could end a comment.
+
+    Kaitai copies these texts into comments of other languages.
     """
     text = printable(" ".join(text.split())).translate(_PROSE)
     return re.sub(r"(?<=[*/\]#])(?=[*/#])", " ", text)

@@ -274,8 +274,9 @@ class Translation:
         return Translated("", ATOM, "record", scope=scope, above=True)
 
     def _entry(self, scope: KsyScope, name: str, path: str, names: frozenset[str] = frozenset()) -> Translated:
-        """Return the value of a name in a scope; `path` leads to the scope, with a trailing dot, unless it is
-        enclosing.
+        """Return the value of a name in a scope.
+
+        `path` leads to the scope, with a trailing dot, unless it is enclosing.
         """
         entry = scope.entries.get(name) or scope.find(name, self.at)
         if entry is None or entry.kind == "lost":

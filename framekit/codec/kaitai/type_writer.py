@@ -76,8 +76,7 @@ class TypeWriter:
         self, file: FileParts, scope: KsyScope, region: Region, behind: int | None, *,
         alone: bool, using: tuple[KsyType, ...],
     ) -> None:  # fmt: skip
-        """Prepare the use of the type of a scope in a region, given the number of bytes after it there (None if
-        unknown).
+        """Prepare the use of a scope's type in a region, given the number of later bytes (None if unknown).
 
         `alone`: its region ends with it. `using`: the enclosing types, and the type itself.
         """
@@ -474,8 +473,9 @@ class TypeWriter:
         self, attribute: KsyAttribute, name: str, into: KsyScope, behind: int | None, item: KsyScope | None,
         write: Callable[[KsyAttribute, str, KsyScope, int | None, KsyScope | None], KsyPart],
     ) -> KsyPart:  # fmt: skip
-        """Return a value; if it has no form and any bytes of its size are valid, return these bytes under another
-        name.
+        """Return a value, or, if it has no form, its bytes under another name.
+
+        The bytes are only used if any bytes of its size are valid; otherwise the error is raised.
         """
         before = replace(self.region)
         keys = attribute.keys
@@ -791,8 +791,9 @@ class TypeWriter:
         return KsyPart([{"optional": part.segments}], Sizes(0, part.sizes.most))
 
     def _optional_chain(self) -> int:
-        """Return the index of the first of several trailing attributes that are present if bytes remain; -1 for fewer
-        than two.
+        """Return the index of the first of several trailing attributes that are present if bytes remain.
+
+        The result is -1 for fewer than two such attributes.
         """
         seq = self.scope.type.seq
         first = len(seq)

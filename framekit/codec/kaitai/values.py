@@ -219,8 +219,9 @@ class KsyValueWriter:
         return KsyPart([segment, *more], sizes)
 
     def _letters(self, attribute: KsyAttribute, name: str) -> list[Keys]:
-        """Return the restriction of a text to its encoding; framekit has a character for each byte. Raises
-        CannotSayError.
+        """Return the restriction of a text to its encoding; framekit has a character for each byte.
+
+        Raises CannotSayError.
         """
         written = attribute.text("encoding") or self.within.scope.type.encoding
         if written is None:
@@ -280,8 +281,9 @@ class KsyValueWriter:
     def valid(
         self, attribute: KsyAttribute, field_: Keys | None, entry: KsyMeaning, into: KsyScope, item: KsyScope | None
     ) -> list[Keys]:
-        """Apply `valid` to the keys of the field, and return the remaining conditions as segments. Raises
-        CannotSayError.
+        """Apply `valid` to the keys of the field, and return the remaining conditions as segments.
+
+        Raises CannotSayError.
         """
         node = attribute.keys.get("valid")
         if node is None:

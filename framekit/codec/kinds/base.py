@@ -48,9 +48,7 @@ class SegmentKind(Generic[S]):
         return ""
 
     def struct_order(self, segment: S) -> str | None:
-        """Return the byte order of the segment in a struct ('' if any order is right), or None if no struct can hold
-        it.
-        """
+        """Return the byte order of the segment in a struct ('' for any), or None if no struct can hold it."""
         return None
 
     # ---- decoding -----------------------------------------------------------------------------------------
@@ -88,10 +86,9 @@ class SegmentKind(Generic[S]):
         raise TypeError(f"no segment to build: {segment!r}")
 
     def room(self, w: EncodeWriter, segment: S, scope: Scope, plain: bool) -> str | None:
-        """Return the source of the number of bytes that a segment of variable size takes; None if a length never needs
-        it.
+        """Return the source of the size of a segment of variable size, in bytes, or None if no length needs it.
 
-        `plain`: the number of bytes before conversion.
+        `plain`: the size before conversion.
         """
         return None
 

@@ -264,7 +264,7 @@ def _measure_by_size_or_end(m: MeasureWriter, wrap: Wrap, scope: Scope, fixed: i
     inside.maybe_absent, inside.in_digits = m.maybe_absent, True
     given: dict[str, str] = {}
     inside.write(None, _handed(inside.needed, scope, "", given))
-    m.module.extra.append(inside.function(f"How long the content of the wrap in `{m.identifier}` is."))
+    m.module.extra.append(inside.function(f"Return the size of the content of the wrap in `{m.identifier}`."))
     m.settle()
     size = m.names.fresh("size")
     measure = m.module.function("measure_hex")

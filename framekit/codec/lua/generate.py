@@ -121,8 +121,9 @@ class _DissectorWriter:
         )  # fmt: skip
 
     def _preference(self, parameter: Parameter) -> str | None:
-        """Return the preference for a parameter that frames depend on, or None; secrets and formulas have no
-        preference.
+        """Return the preference for a parameter that frames depend on, or None.
+
+        Secrets and formulas have no preference.
         """
         try:
             value = self.given[parameter.name]
@@ -165,8 +166,9 @@ class _DissectorWriter:
         return f"R.add({table(entries)})"
 
     def _echo(self, writer: SegmentWriter, frame: Frame) -> str | None:
-        """Return the fields that a reply must repeat, each with a function of the request's fields; None if there are
-        none.
+        """Return the fields that a reply must repeat, each with a function of the request's fields.
+
+        None if there are none.
         """
         echo = ((string(name), self._of_request(expression)) for name, expression in frame.echo.items())
         return listed(f"{{ {name}, {text} }}" for name, text in echo) if frame.echo else None
@@ -177,8 +179,9 @@ class _DissectorWriter:
         return self.expressions.function(expression, scope)
 
     def _announces(self, writer: SegmentWriter, frame: Frame) -> str | None:
-        """Return the state that a frame announces for later frames, each with a function of the frame's fields; or
-        None.
+        """Return the state that a frame announces for later frames, each with a function of the frame's fields.
+
+        None if it announces no state.
         """
         told = []
         for one in frame.announces:

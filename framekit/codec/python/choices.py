@@ -79,9 +79,7 @@ def _tree(frames: tuple[str, ...], allowed: Mapping[str, Allowed], used: frozens
 
 
 def _left(frames: tuple[str, ...], allowed: Mapping[str, Allowed], place: int) -> float:
-    """Return the average number of remaining candidates if the byte at `place` has a value that some of them
-    require.
-    """
+    """Return the average number of remaining candidates if the byte at `place` has one of the required values."""
     groups = _groups(frames, allowed, place)
     return sum(len(group) for group in groups.values()) / len(groups) if groups else len(frames)
 

@@ -303,10 +303,9 @@ def _parts(pair: Pair) -> dict[str, Target]:
 
 
 def write_fused(module: Module, identifier: str, title: str, frame: Frame, pair: Pair) -> Source:
-    """Return the source of a fused decoder, which returns the result of `decode_…` if the frame contains the pair's
-    inner frame.
+    """Return the source of a fused decoder, with the result of `decode_…` for a frame with the pair's inner frame.
 
-    The decoder raises any exception if it does not.
+    For other frames the decoder raises any exception.
     """
     function = function_of(module, title, pair)
     fields, scope = Fields(function.names.fresh("fields")), Scope()

@@ -46,7 +46,7 @@ def write_diagnosis(
             writer.out.add(line)
     out = Source()
     with out.block(f"def diagnose_{identifier}(data: bytes, ctx: Context) -> Diagnosis:"):
-        write_docstring(out, f"Read `{name}` carefully: all its places, and the first fault.", "")
+        write_docstring(out, f"Read `{name}` carefully: all spans, and the first fault.", "")
         writer.write_hoisted(out)
         out.add(f"n = {module.function('Diagnosis')}(data, ctx)")
         if frame is not None and frame.most is not None:

@@ -201,10 +201,10 @@ def texts_inside(segments: Iterable[Segment]) -> dict[tuple[str, ...], str]:
 
 
 def tail_of(module: Module, frame: Frame | None) -> tuple[Const, int | Segment] | None:
-    """Return the constant that ends a delimited body, and the size of the head, or the segment after a head of variable
-    size.
+    """Return the constant that ends a delimited body, and the size of the head or the segment that follows the head.
 
-    None if the first byte of that constant is impossible in the body.
+    The segment is returned if the size of the head varies. None if the first byte of that constant is impossible in the
+    body.
     """
     if frame is None or not frame.delimited or not frame.tail or not isinstance(frame.tail[0], Const):
         return None
@@ -370,8 +370,9 @@ class EncodeWriter(FunctionWriter):
         self.targets, self.meant = outside
 
     def size_by_length(self, segment: Segment) -> Expression | None:
-        """Return the size of a segment that is exactly a length counting it, so that it follows the given value; else
-        None.
+        """Return the size of a segment if it is exactly a length counting it, so that it follows the given value.
+
+        None for any other size.
         """
         return segment.size_expression if size_follows_value(segment, self.by_path) else None
 
@@ -627,7 +628,10 @@ class EncodeWriter(FunctionWriter):
         return [(text, tuple(names)) for text, names in together.items()]
 
     def refuse_absent(self, given: Given) -> None:
-        """In a case: record values whose condition is false, so that they are refused like values of another case."""
+        """Record given values of a case whose condition is false.
+
+        The generated encoder refuses them like values of other cases.
+        """
         for there, names in self.conditions_of(given):
             assert given.in_cases is not None
             with self.out.block(f"if not ({there}):"):
@@ -708,8 +712,9 @@ class EncodeWriter(FunctionWriter):
         return len(placed)
 
     def numbers_of(self, segment: Segment) -> tuple[str, str] | None:
-        """Return the `struct` code and byte order of a list of numbers, which ends a run; None for all other
-        segments.
+        """Return the `struct` code and byte order of a list of numbers, which ends a run.
+
+        None for all other segments.
         """
         if not isinstance(segment, Repeat) or not isinstance(segment.of, FieldType) or segment.path in self.wires:
             return None
@@ -865,9 +870,7 @@ class EncodeWriter(FunctionWriter):
             self._refuse_open(ended)
 
     def _refuse_open(self, ended: list[_Ended]) -> None:
-        """Write the refusal of texts that are not followed by one of their end bytes, as they would be read as
-        longer.
-        """
+        """Write the refusal of texts without an end byte after them, which would be read as longer."""
         for segment, scope, behind in ended:
             assert segment.number_type is not None
             stops = segment.number_type.stops
@@ -921,10 +924,9 @@ class EncodeWriter(FunctionWriter):
         del self.parts[before:]
 
     def preset_plain(self, segment: Segment) -> str | None:
-        """Return a local for the covered bytes of a segment that may be absent, if wraps in it make them differ from
-        its bytes.
+        """Return a local for the covered bytes of a segment that may be absent, preset to empty.
 
-        None otherwise.
+        None unless checks cover the segment and wraps in it make the covered bytes differ from its bytes.
         """
         paths = [leaf.path for leaf in leaves((segment,))]
         if not self.coverage.of(paths) or not any(one.is_there_inside for one in on_the_wire((segment,))):
@@ -1022,9 +1024,7 @@ class EncodeWriter(FunctionWriter):
         return texts
 
     def _ended(self, segment: Segment, text: str) -> str:
-        """Return the source of a part that a constant ends, after a check that the part does not contain the
-        constant.
-        """
+        """Return the source of a part that a constant ends, after writing the check that it lacks the constant."""
         constant = self.ends.get((segment.path, segment.at))
         if constant is None:
             return text

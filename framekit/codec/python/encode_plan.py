@@ -37,8 +37,9 @@ class Task:
     waits_for: set[str]
     """The names that must be available first."""
     write: Callable[[set[str]], None]
-    """Writes the source. Its argument is the set of names that a circle leaves missing; they are read from the given
-    values.
+    """Writes the source, given the names that a circle leaves missing.
+
+    Missing names are read from the given values.
     """
     may_be_given: bool = False
     """Whether the value may be given, so that the task can break a circle."""
@@ -266,8 +267,9 @@ class PackPlan:
         return f"{self.module.struct(codes, self.order, self.title)}.pack({', '.join(texts)})"
 
     def _with_digits(self, argument: PackArgument) -> PackArgument:
-        """Return the argument with its hex digits built: one number is formatted, several are packed and converted at
-        once.
+        """Return the argument with its hex digits built.
+
+        A single number is formatted; several numbers are packed and converted at once.
         """
         types = argument.digits
         if not types:
@@ -300,8 +302,9 @@ def sum_of(texts: list[str]) -> str:
 
 
 def _formatted(parts: list[str]) -> str:
-    """Return the source of a concatenation; several numbers in digits are formatted at once, in half the time of a
-    sum.
+    """Return the source of a concatenation.
+
+    Several numbers in digits are formatted at once, in half the time of a sum.
     """
     numbers = [_DIGITS.fullmatch(part) for part in parts]
     if sum(number is not None for number in numbers) < 2:

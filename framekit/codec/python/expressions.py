@@ -165,9 +165,7 @@ class ExpressionWriter:
         return f"int({self.text(expression)})" if is_flag(expression.root) else self.text(expression)
 
     def _prepared(self, node: Node) -> Node:
-        """Return the node with literals resolved, and with `len(x)` of a value without a length replaced by its encoded
-        size.
-        """
+        """Return the node with literals resolved, and `len(x)` of a value without a length as its encoded size."""
         if isinstance(node, Call) and node.function == "len" and isinstance(node.arguments[0], Name):
             entry = self.scope.find(node.arguments[0].name)
             if entry is not None and not entry.sized and entry.wire is not None:

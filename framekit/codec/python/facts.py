@@ -197,16 +197,18 @@ def ending_checks(segments: Iterable[Segment]) -> Iterator[Check]:
 
 
 def looks_inside(static: StaticSizes, segments: Segments) -> bool:
-    """Return whether measuring a frame of fixed size must examine its bytes, for example an inner frame with
-    constants.
+    """Return whether measuring a frame of fixed size must examine more than its start.
+
+    It must for an inner frame that begins with constants, and for a check code that ends the frame.
     """
     inner = any(isinstance(one, Inner) and begins_with_constants(static, one) for one in flat(segments))
     return inner or any(True for _ in ending_checks(segments))
 
 
 def symbol_behind(wrap: Wrap, after: Iterable[Segment]) -> bytes:
-    """Return the escape byte and its successor that follow a wrap; empty if other bytes may follow, or may be
-    refused.
+    """Return the escape byte and its successor that follow a wrap.
+
+    The result is empty if other bytes may follow, or may be refused.
     """
     found = whole_constant(after)
     return found[:2] if len(found) > 1 and found[0] == wrap.escape else b""
@@ -315,8 +317,9 @@ Placed = TypeVar("Placed")
 def fixed_and_conditional(
     static: StaticSizes, placed: Iterable[tuple[Segment, Placed]]
 ) -> tuple[int, list[tuple[int, Expression, Placed]]]:
-    """Return the size in bytes of the unconditional segments of fixed size, and size and condition of each other
-    segment.
+    """Return the total size of the unconditional segments in bytes, and size and condition of each other segment.
+
+    The segments have a fixed size when present.
     """
     fixed, conditional = 0, list[tuple[int, Expression, Placed]]()
     for segment, scope in placed:

@@ -284,8 +284,9 @@ class FlatWriter(EncodeWriter):
         self.complain(self.more_than_needed(given), "", "")
 
     def refuse_if(self, condition: str) -> None:
-        """Refuse the values if `condition` holds; the test for lists first tests for exactly `list`, in half the
-        time.
+        """Refuse the values if `condition` holds.
+
+        The test for lists first tests for exactly `list`, in half the time.
         """
         if (other := re.fullmatch(r"not isinstance\((\w+), \(list, tuple\)\)", condition)) is not None:
             self.complain(f"{self.is_other(other[1], 'list')} and {condition}", "", "")

@@ -67,8 +67,9 @@ def is_slice(type_: FieldType) -> bool:
 
 
 def hex_places(type_: FieldType) -> int | None:
-    """Return the number of encoded bytes of hex digits that `unhexlify` can read (2, 4, 8 or 16 digits); None
-    otherwise.
+    """Return the number of bytes that hex digits encode, if `unhexlify` and a struct can read them.
+
+    None for any number of digits other than 2, 4, 8 or 16.
     """
     if type_.kind == "digits" and type_.base == 16 and type_.fixed_size in (2, 4, 8, 16):
         return type_.fixed_size // 2
@@ -151,8 +152,9 @@ def _form_arguments(type_: FieldType) -> str:
 
 
 def refusing(functions: Functions, type_: FieldType) -> str:
-    """Return the source of a function that raises an error for numbers a type cannot hold; empty if a range is
-    enough.
+    """Return the source of a function that raises an error for numbers a type cannot hold.
+
+    The result is empty if a range is enough.
     """
     if type_.scale is not None:
         return f"lambda value: {_unscaled(functions, type_, 'value')}"
@@ -189,8 +191,9 @@ def find_end(functions: Functions, type_: FieldType, buffer: str, place: str) ->
 
 
 def stops_literal(type_: FieldType) -> str:
-    """Return the literal of the delimiters before which a value ends: one bytes literal, or a tuple if any is longer
-    than a byte.
+    """Return the literal of the delimiters before which a value ends.
+
+    This is a bytes literal of single bytes, or a tuple if any delimiter is longer.
     """
     return literal(type_.stops) if type_.has_long_stops else bytes_literal(b"".join(type_.stops))
 
@@ -366,8 +369,9 @@ def _converted(functions: Functions, convert: str, text: str) -> str:
 
 
 def needs(check: Check, text: Callable[[Expression], str], context: str = "ctx") -> str:
-    """Return the source of the further input of a check code: its key, or for an expression the whole context; else
-    empty.
+    """Return the source of the further input of a check code.
+
+    This is its key, or for an expression the whole context; empty for other check codes.
     """
     if check.method.kind == "code":
         return context
@@ -440,8 +444,9 @@ def wrong_code(module: Module, check: Check, found: str, code: str) -> str:
 
 
 def added_text(functions: Functions, added: Added, value: str) -> str:
-    """Return the source of bytes that a check code covers but no segment holds; `value` is the source of their
-    expression.
+    """Return the source of bytes that a check code covers but no segment holds.
+
+    `value` is the source of their expression.
     """
     if added.type is None:
         return value

@@ -1,6 +1,4 @@
-"""Hold the common state of generated functions: lines, locals, context, conditions, and offsets in buffers as
-source.
-"""
+"""Hold the common state of generated functions: lines, locals, context, conditions, and offsets as source."""
 
 from __future__ import annotations
 
@@ -89,8 +87,9 @@ class FunctionWriter:
         return self.hoisted[name]
 
     def sizes_of(self, placed: Iterable[tuple[Segment, Scope]], level: int) -> tuple[int, list[str]]:
-        """Return the size of the unconditional segments of fixed size, and the source of the size of each conditional
-        one.
+        """Return the total size of the unconditional segments, and the source of the size of each other segment.
+
+        The segments have a fixed size when present.
         """
         fixed, conditional = fixed_and_conditional(self.static, placed)
         return fixed, [
@@ -212,8 +211,9 @@ class Function(FunctionWriter):
             self.conditions.append(condition)
 
     def wrong_if(self, condition: str) -> None:
-        """Add a condition like `mismatch_if`, for a fault that is never refused if it is the only fault of the outer
-        frame.
+        """Add a condition like `mismatch_if`, for a fault that alone never causes a refusal.
+
+        This holds whatever the inner frames contain.
         """
         if not self.tells_wrong:
             self.mismatch_if(condition)
@@ -306,8 +306,9 @@ class Function(FunctionWriter):
                 self.add(f"{start} = {end} = {place}")
 
     def pass_over(self, segments: Iterable[Segment], read: Iterable[Segment], place: str) -> None:
-        """Give segments of later cases an empty span at `place`, after the segments that were read, for ranges that end
-        with them.
+        """Give segments of later cases an empty span at `place`, after the segments that were read.
+
+        Ranges may end with these segments.
         """
         here = {leaf.path for leaf in standing_any_way(tuple(read))}
         for path in dict.fromkeys(leaf.path for leaf in standing_any_way(tuple(segments))):
@@ -334,8 +335,9 @@ class Function(FunctionWriter):
         return self.trail.index(before) + 1 == self.trail.index(path)
 
     def room(self, targets: Mapping[str, Target], *, plain: bool) -> str:
-        """Return the source of the size of these segments in bytes, after all are read; `plain`: their size in
-        memory.
+        """Return the source of the size of these segments in bytes, after all are read.
+
+        `plain`: their size in memory.
         """
         fixed, parts = 0, []
         for path, target in targets.items():
@@ -381,8 +383,9 @@ def paths_read(segment: Segment, paths: Collection[str], *needed: str | Expressi
 
 
 def tracked_paths(segments: tuple[Segment, ...]) -> set[str]:
-    """Return the paths of the segments whose spans are needed: for checks, lengths, and `len(name)` of values without a
-    length.
+    """Return the paths of the segments whose spans are needed.
+
+    Spans are needed for checks, for lengths, and for `len(name)` of values without a length.
     """
     found: set[str] = set()
     for segment in everything(segments):
@@ -425,8 +428,9 @@ def standing_any_way(segments: Segments) -> Iterator[Segment]:
 
 
 def standing(check: Check, segments: Iterable[Segment]) -> Iterator[Segment]:
-    """Yield the segments that take bytes for a check: wraps as a whole if it covers encoded bytes, else their
-    content.
+    """Yield the segments that take bytes for a check.
+
+    A wrap is yielded as a whole if the check covers encoded bytes; otherwise its content is yielded.
     """
     return on_the_wire(segments) if check.wire else leaves(segments)
 
@@ -460,8 +464,7 @@ def covered_parts(check: Check, segments: tuple[Segment, ...]) -> list[list[str]
 
 
 def paths_in_part(part: str | Edges, check: Check, segments: tuple[Segment, ...]) -> list[str]:
-    """Return the paths of the segments of an operand of `over`: those of a name, or all from the first to the last of a
-    range.
+    """Return the paths of the segments of an operand of `over`: of a name, or of a range.
 
     Segments of several cases that share a path appear once.
     """

@@ -43,10 +43,10 @@ MISMATCHES = "MISMATCHES = (ValueError, LookupError, TypeError, ArithmeticError,
 _MADE = "RangeTable("
 """The beginning of tables that need a helper."""
 MEASURE_NOTE = """\
-`measure_…(data, start, end)` tells how long the frame at data[start] is: its length when it is complete; 0 when no
-such frame begins there; a negative number when it wants so many bytes more at least; QUIET when only silence ends it;
-LOST when its end cannot be found because the bytes are damaged."""
-"""The part of the module's docstring about the functions that measure."""
+`measure_…(data, start, end)` returns the length of the frame at data[start] if it is complete; 0 if no such frame
+begins there; -n if at least n more bytes are needed; QUIET if only silence ends the frame; LOST if its end cannot be
+found because the bytes are damaged."""
+"""The explanation of measuring functions in the docstring of the module."""
 
 
 def constants(module: Module) -> Source:
@@ -190,8 +190,11 @@ _RULE = "-" * 98
 
 
 def generate_source(protocol: Protocol, standalone: bool = True) -> str:
-    """Return the module of a protocol as text. A stand-alone module needs Python 3.11 only; others share the error
-    classes of framekit. Raise DefinitionError for a frame whose parts cannot be found."""
+    """Return the module of a protocol as text.
+
+    A standalone module needs only Python 3.11 or later; others share the error classes of framekit. Raises
+    DefinitionError for a frame whose parts cannot be located.
+    """
     return ModuleWriter(protocol, standalone).text()
 
 
@@ -232,7 +235,7 @@ class ModuleWriter:
         tables = self._tables()
         helpers = self._helpers()
         parts = self._section("frames", self.frames_part)
-        parts += self._section("what is wrong with frames that do not fit", self.diagnose_part)
+        parts += self._section("faults of frames that do not fit", self.diagnose_part)
         parts += self._section("check codes", folds) if folds else []
         parts += self._section("helpers", helpers)
         parts += self._section("tables", [tables])
@@ -344,7 +347,7 @@ class ModuleWriter:
         builder = next(iter(self.builders.values()), None)
         built = [] if builder is None else [f"    data = {builder}(…)  # bytes of named values"]
         return [
-            "Use it like this (`ctx`: parameters and state that frames depend on; DEFAULTS when left out):",
+            "Use it like this (`ctx`: parameters and state that frames depend on; default: DEFAULTS):",
             "",
             f"    data = encode_{known}(values)      # bytes; raises EncodeError",
             *built,

@@ -46,8 +46,9 @@ Pairs = tuple[tuple[Segment, Scope], ...]
 
 
 class Finished(Exception):  # noqa: N818 - control flow, not an error
-    """Raised when the rest of the function is written: later segments do not affect the length, or it cannot be
-    computed.
+    """Raised when the rest of the function is written.
+
+    Later segments do not affect the length, or the length cannot be computed.
     """
 
 
@@ -62,7 +63,7 @@ def write_measurer(module: Module, identifier: str, frame: Frame, segments: tupl
     """Return the source of `measure_…` of a frame."""
     writer = MeasureWriter(module, identifier, segments, MOST if frame.most is None else frame.most)
     writer.write(frame)
-    return writer.function(f"How long the frame `{frame.name}` at data[start] is; see the top of the module.")
+    return writer.function(f"Measure the frame `{frame.name}` at data[start]; see the top of the module.")
 
 
 def write_extent(module: Module, identifier: str, frame: Frame, segments: tuple[Segment, ...]) -> Source | None:
@@ -76,12 +77,13 @@ def write_extent(module: Module, identifier: str, frame: Frame, segments: tuple[
     writer.write(frame)
     if not writer.asks_inside:
         return None
-    return writer.function(f"What `measure_{identifier}` says if a good frame is at data[start].")
+    return writer.function(f"Return the result of `measure_{identifier}` for a valid frame at data[start].")
 
 
 class MeasureWriter(FunctionWriter):
-    """Write a measuring function. `place` is relative to `start` while the offset is fixed, then it is the local
-    `at`.
+    """Write a measuring function.
+
+    `place` is relative to `start` while the offset is fixed, then it is the local `at`.
     """
 
     kind = "measure"
@@ -170,8 +172,9 @@ class MeasureWriter(FunctionWriter):
         return local
 
     def set_value(self, name: str, scope: Scope, text: str, record: Segment | None = None) -> str:
-        """Write the assignment of a value to the local of its name; all fields of a `record` are in one local, which
-        may be None.
+        """Write the assignment of a value to the local of its name.
+
+        All fields of a `record` are in one local, which may be None.
         """
         known = scope.entries.get(name)
         local = self.names.fresh(name) if known is None or known.direct else known.text
@@ -625,8 +628,9 @@ def _names_of(expression: Expression) -> set[str]:
 
 
 def needed_names(segments: tuple[Segment, ...], before: tuple[Segment, ...] = ()) -> set[str]:
-    """Return the names that sizes, counts and conditions depend on, directly or indirectly; also in records of
-    `before`.
+    """Return the names that sizes, counts and conditions depend on, directly or indirectly.
+
+    Fields of records are included, also of records in `before`.
     """
     found: set[str] = set()
     values: dict[str, set[str]] = {}

@@ -133,7 +133,10 @@ def _names_of_added() -> Mapping[tuple[str, str], str]:
 
 
 def _home_of(name: str) -> Any:
-    """The module of framekit that a helper is defined in. Raise ValueError for an unknown name."""
+    """Return the module of framekit that defines a helper.
+
+    Raises ValueError for an unknown name.
+    """
     found = next((module for module in _INLINED[:OWN_HELPERS] if name in _defined(module)), None)
     if found is None:
         raise ValueError(f"framekit has no helper '{name}' – give the function itself, not its name")
@@ -446,7 +449,9 @@ class Module:
         mask = (1 << method.width) - 1
         out = Source()
         with out.block(f"def {name}(data: bytes) -> int:"):
-            out.docstring(f"The check code `{method.name}`: {method.expression}, from {method.initial:#x} on.")
+            out.docstring(
+                f"Return the check code `{method.name}`: {method.expression}, starting with {method.initial:#x}."
+            )
             out.add(f"code = {method.initial:#x}")
             table = _step_table(self, method, mask)
             if table is not None:
@@ -466,7 +471,7 @@ class Module:
         scope = Scope()
         scope.entries = {"data": NameEntry("data")}
         with out.block(f"def {name}(data: bytes, ctx: Context) -> Any:"):
-            out.docstring(f"The check code `{method.name}`: {method.expression}.")
+            out.docstring(f"Return the check code `{method.name}`: {method.expression}.")
             out.add("data = bytes(data)")
             out.add(f"return {ExpressionWriter(self, scope, self.given).text(method.expression)}")
         return out

@@ -449,8 +449,9 @@ class BufferReader:
         return slot
 
     def _unpacked(self, slot: Slot, converted: bool, last: bool) -> None:
-        """Write the conversion of an unpacked slot to its value, and its checks; `self.place` is the offset of the
-        segment.
+        """Write the conversion of an unpacked slot to its value, and its checks.
+
+        `self.place` is the offset of the segment.
         """
         segment = slot.item.segment
         if slot.local is not None:
@@ -628,8 +629,9 @@ class BufferReader:
     def _branch(
         self, items: list[Item], after: tuple[Item, ...], unconditional: set[tuple[int, str | None]], flags: _Flags
     ) -> None:
-        """Write the segments of a case. `unconditional`: mapping and name of the values that are added after all
-        cases.
+        """Write the segments of a case.
+
+        `unconditional`: mapping and name of the values that are added after all cases.
         """
         expanded: list[Item] = []
         for item in items:
@@ -678,9 +680,7 @@ class BufferReader:
         self.deferred.append(Comparison(write, lambda: all(one.is_ready() for one in left)))
 
     def _else_lines(self, known: list[tuple[Scope, set[str]]], defaults: list[Item], items: list[Item]) -> list[str]:
-        """Return the lines for the case that no branch was taken: defaults, and None for names that expressions may
-        read.
-        """
+        """Return the lines for no chosen branch: defaults, and None for names that expressions may read."""
         function = self.function
         lines, done = [], {item.segment.name for item in defaults}
         for item in defaults:

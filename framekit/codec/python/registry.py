@@ -38,8 +38,9 @@ def summary(segments: Iterable[Segment]) -> str:
 
 
 def write_docstring(out: Source, first: str, layout: str, *more: str, notes: Sequence[str] = ()) -> None:
-    """Write a docstring: one line if everything fits, else the sentence, a blank line and the layout; `notes` at its
-    end.
+    """Write a docstring: one line if everything fits, else the sentence, a blank line and the layout.
+
+    `notes` follow at its end.
     """
     lines = [first]
     for text in (layout, *more):

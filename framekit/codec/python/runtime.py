@@ -1,7 +1,7 @@
-"""Helpers that generated modules carry with them: inlined as they stand here, each on its own like those of `support`.
+"""Implement the helpers of generated modules, which contain copies of their source, as of `support`.
 
-They may use each other, standard imports and the names every generated module has: `Any`,
-`Context`, `FrameError`, `EncodeError`, `QUIET`, `LOST`.
+They may use each other, standard imports, and the names that every generated module defines: `Any`, `Context`,
+`FrameError`, `EncodeError`, `QUIET`, `LOST`.
 """
 
 from __future__ import annotations
@@ -15,31 +15,35 @@ from framekit.codec.errors import EncodeError, FrameError
 from framekit.codec.support import Unfit
 
 Context = Mapping[str, Any]
+"""Values of the names that frames read from outside."""
 Reads = Callable[..., dict[str, Any]]
+"""A function that decodes a frame."""
 
 QUIET = -(1 << 40)
+"""The result of measuring for a frame that only silence ends."""
 LOST = QUIET - 1
+"""The result of measuring for a frame whose end cannot be found."""
 
 
-class Mismatch(ValueError):  # noqa: N818 - says no more than that
-    """Something does not fit; what it is, is found out afterwards."""
+class Mismatch(ValueError):  # noqa: N818 - carries no information
+    """Raised if a value or bytes do not fit; a later second look determines the fault."""
 
 
 class Wrong(Mismatch):
-    """Nothing but a check code, a constant or the limit of a wrap does not fit: the frame is not refused, but bad."""
+    """Raised if only a check code, a constant or the limit of a wrap is wrong: the frame is bad, but not refused."""
 
 
 class Defaults(dict[str, Any]):
-    """What frames need beside their fields, with the definition's start values."""
+    """The values that frames need in addition to their fields, with the definition's start values."""
 
     def __missing__(self, name: str) -> Any:
         raise KeyError(f"'{name}' has no default: give it in ctx, such as DEFAULTS | {{'{name}': ...}}")
 
 
 def attribute(value: Any, name: str) -> Any:
-    """`value.name`: an entry of a mapping, something an object offers, or the list of a list's attributes.
+    """Return `value.name`: an entry of a mapping, an attribute of an object, or the list of the items' attributes.
 
-    What is nothing has nothing.
+    The attributes of None are None.
     """
     if isinstance(value, Mapping):
         return value[name]
@@ -49,7 +53,7 @@ def attribute(value: Any, name: str) -> Any:
 
 
 class RangeTable(dict[Any, Any]):
-    """A table some of whose keys are ranges: (first, last, value)."""
+    """A table in which some keys are ranges: (first, last, value)."""
 
     def __init__(self, entries: Mapping[Any, Any], ranges: tuple[tuple[int, int, Any], ...]) -> None:
         super().__init__(entries)
@@ -73,7 +77,7 @@ class RangeTable(dict[Any, Any]):
 
 
 class Structs(dict[int, Struct]):
-    """Structs for lists, by the number of values in them; those of long lists are made each time."""
+    """Structs for lists, by the number of values; those for long lists are not cached."""
 
     def __init__(self, before: str, code: str) -> None:
         self.before = before
@@ -87,7 +91,7 @@ class Structs(dict[int, Struct]):
 
 
 class Packs(dict[int, Callable[..., bytes]]):
-    """What packs lists, by the number of values in them: to call these takes a sixth less than `pack` of a struct."""
+    """Pack methods for lists, by the number of values; calling them takes a sixth less time than `Struct.pack`."""
 
     def __init__(self, before: str, code: str) -> None:
         self.before = before
@@ -101,7 +105,7 @@ class Packs(dict[int, Callable[..., bytes]]):
 
 
 def without_none(values: Context) -> dict[str, Any]:
-    """The values that are not None: those that were given."""
+    """Return the values that are not None, which are the given values."""
     return {name: value for name, value in values.items() if value is not None}
 
 
@@ -109,7 +113,7 @@ def without_none(values: Context) -> dict[str, Any]:
 
 
 def ends_here(decode: Callable[..., Any], data: bytes, ctx: Context, place: int) -> bool:
-    """Whether everything from `place` on fits, so that the frame ends here."""
+    """Return whether the bytes from `place` on fit, so that the frame ends here."""
     try:
         decode(data, ctx)
     except FrameError as error:
@@ -118,7 +122,7 @@ def ends_here(decode: Callable[..., Any], data: bytes, ctx: Context, place: int)
 
 
 def content_of(diagnose: Callable[..., Any], data: bytes, ctx: Context) -> Any:
-    """The fields of a frame of which so much has come; a line remembers them while more of it comes."""
+    """Return the fields of an incomplete frame; a receiver's context caches them until more bytes arrive."""
     remembered = getattr(ctx, "remembered", None)
     if remembered is None:
         return diagnose(data, ctx).fields
@@ -129,9 +133,10 @@ def content_of(diagnose: Callable[..., Any], data: bytes, ctx: Context) -> Any:
 
 
 def measure_hex(measure: Callable[..., int], data: bytes | bytearray, at: int, end: int, ctx: Context) -> int:
-    """How many hex digits content takes whose length `measure` finds in the bytes they stand for, and one more.
+    """Return the number of hex digits of a content plus one; `measure` finds its length in the decoded bytes.
 
-    So that no digits differ from no such content; `measure` finds a byte before the content for the same reason.
+    The added one distinguishes empty content from missing content; for the same reason `measure` sees a byte before the
+    content.
     """
     digits = bytes(data[at:end])
     good = len(digits) - len(digits.lstrip(b"0123456789ABCDEFabcdef"))
@@ -148,7 +153,7 @@ def measure_hex(measure: Callable[..., int], data: bytes | bytearray, at: int, e
 
 
 def end_of_region(data: bytes | bytearray, at: int, escape: int, embedded: tuple[bytes, ...] = ()) -> int:
-    """The place of the first escape byte that is not doubled. Raises ValueError if there is none."""
+    """Return the offset of the first escape byte that is not doubled. Raises ValueError if none occurs."""
     place = find_region_end(data, at, len(data), escape, 0, embedded)
     if place < 0:
         raise ValueError("the region does not end")
@@ -158,16 +163,16 @@ def end_of_region(data: bytes | bytearray, at: int, escape: int, embedded: tuple
 def find_region_end(
     data: bytes | bytearray, at: int, end: int, escape: int, seen: int = 0, embedded: tuple[bytes, ...] = ()
 ) -> int:
-    """The place of the first escape byte before `end` that is not doubled; -1 if it is not there yet.
+    """Return the offset of the first escape byte before `end` that is not doubled; -1 if it has not arrived yet.
 
-    `seen`: up to there nothing was found before. `embedded`: what may stand in the region all the same.
+    `seen`: the bytes before it were searched earlier. `embedded`: frames that may occur in the region.
     """
     place = at if seen < at else seen
     if place > at and data[place - 1] == escape:
         if data.count(escape, place, end) == end - place:
-            return -1  # nothing but escape bytes yet: no need to count them anew for each that comes
+            return -1  # only escape bytes so far: avoid recounting them for each new byte
         while place > at and data[place - 1] == escape:
-            place -= 1  # they are paired from the first one of their row
+            place -= 1  # pairs are counted from the first escape byte of a run
     while True:
         place = data.find(escape, place, end)
         if place < 0 or place + 1 >= end:
@@ -185,7 +190,7 @@ def find_region_end(
 
 
 def without_embedded(data: bytes, escape: int, embedded: tuple[bytes, ...]) -> bytes:
-    """Content of a region without the frames that stand in it."""
+    """Return the content of a region without its embedded frames."""
     for frame in embedded:
         if frame in data:
             break
@@ -204,7 +209,10 @@ def without_embedded(data: bytes, escape: int, embedded: tuple[bytes, ...]) -> b
 
 
 def end_of_stuffed(data: bytes | bytearray, at: int, escape: int, size: int, end: int | None = None) -> int:
-    """The place behind `size` plain bytes. Raises ValueError for an escape byte not doubled, IndexError if too few."""
+    """Return the offset after `size` plain bytes.
+
+    Raises ValueError for an escape byte that is not doubled, IndexError for missing bytes.
+    """
     end = len(data) if end is None else end
     for _ in range(size):
         if at >= end:
@@ -219,11 +227,11 @@ def end_of_stuffed(data: bytes | bytearray, at: int, escape: int, size: int, end
     return at
 
 
-# ---- frames of which one stands somewhere; which, and by which byte they are told apart, the generator writes
+# ---- candidates for an inner frame; the generator writes their order and the deciding byte
 
 
 class Frame(NamedTuple):
-    """One frame's functions. `refuse`: the code it is always refused with; `extent`: None where it is `measure`."""
+    """The functions of a frame."""
 
     name: str
     encode: Callable[..., bytes]
@@ -231,16 +239,18 @@ class Frame(NamedTuple):
     measure: Callable[..., int]
     diagnose: Callable[..., Any]
     refuse: int | None = None
+    """The code with which it is always refused."""
     extent: Callable[..., int] | None = None
+    """None if it equals `measure`."""
 
 
 class Choice:
-    """Frames that may stand at one place, in the order they are tried, told apart by one byte.
+    """Candidate frames in the order of trial, distinguished by one byte.
 
-    `named` holds them by name, `encoders` what builds them. `readers`: by the deciding byte, names with decoders in the
-    order they are tried, or another choice; `absent`: those for when that byte is not there. `likely`: by the deciding
-    byte, the first name and decoder where it leaves one or two; `sole`: how long the only frame is that it allows,
-    None where there are several.
+    `named`: the candidates by name; `encoders`: their encoders. Indexed by the deciding byte: `readers` holds names
+    with decoders in the order of trial, or another choice; `likely` the first name and decoder of one or two
+    candidates; `sole` the measuring function of the only candidate, None for several. `absent`: the readers for a
+    missing deciding byte.
     """
 
     __slots__ = (
@@ -263,7 +273,7 @@ class Choice:
         self.likely = [found[0] if type(found) is tuple and 1 <= len(found) <= 2 else None for found in self.readers]
 
     def frames(self, data: bytes | bytearray, start: int = 0, end: int | None = None) -> tuple[Frame, ...]:
-        """The frames that the deciding byte allows; all, if it may still come, which it cannot without an `end`."""
+        """Return the candidates for the deciding byte; all of them if the byte may still arrive (before `end`)."""
         place = start + self.at
         if end is not None and place >= end:
             return self.everything
@@ -272,31 +282,31 @@ class Choice:
 
 
 def readers_of(found: Any) -> Any:
-    """Names and decoders of a row of frames; a choice stays what it is."""
+    """Return names and decoders of a list of frames; a choice is returned unchanged."""
     return tuple((frame.name, frame.decode) for frame in found) if type(found) is tuple else found
 
 
 def measure_of(found: Any) -> Any:
-    """What measures a row of frames if it is one or none."""
+    """Return the measuring function of a list of at most one frame; None for several."""
     if found == ():
         return no_frame
     return found[0].measure if type(found) is tuple and len(found) == 1 else None
 
 
 def no_frame(data: bytes | bytearray, start: int, end: int, ctx: Context, seen: int = 0) -> int:
-    """What measures where no frame may stand."""
+    """Return 0, the size where no frame is possible."""
     return 0
 
 
 def fused_readers(choice: Choice, readers: dict[str, Any]) -> list[Any]:
-    """By the deciding byte: what reads the frame that is likely together with the one around it; None: nothing does."""
+    """Return by the deciding byte the reader of the likely candidate together with the outer frame, or None."""
     return [None if one is None else readers.get(one[0]) for one in choice.likely]
 
 
 def decode_first(choice: Choice, data: bytes, ctx: Context, mismatch: Exception | None = None) -> dict[str, Any]:
-    """The first frame that fits, as `{name: fields}`. Raises FrameError if that frame is to be refused.
+    """Return the first frame that fits, as `{name: fields}`. Raises FrameError if that frame is to be refused.
 
-    `mismatch`: what the likely frame has said, if that was read already.
+    `mismatch`: the error of the likely candidate, if it was already tried.
     """
     found: Any = choice
     while type(found) is Choice:
@@ -325,11 +335,11 @@ def measure_first(
     behind: int = 0,
     reads: bool = True,
 ) -> int:
-    """How long the frame is that stands here: the first that fits, else what is wanted at least, with what is `behind`.
+    """Return the size of the first frame that fits here, or else the number of missing bytes, including `behind`.
 
-    While one wants more, none behind it is taken: how the bytes come makes no difference; but no more is wanted than
-    that one takes, as the next byte may tell that it is not the first. `whole`: no more come. Without `reads` a frame
-    that is complete is believed to fit.
+    While a candidate needs more bytes, no later candidate is accepted, so that the result is independent of the arrival
+    of the bytes. At most as many bytes are requested as a complete later candidate needs, since the next byte may
+    exclude the first. `whole`: no more bytes will arrive. Without `reads` every complete frame is assumed to fit.
     """
     want, quiet, lost, other = 0, False, False, 0
     for frame in choice.frames(data, start, end):
@@ -351,7 +361,7 @@ def measure_first(
 def extent_first(
     choice: Choice, data: bytes | bytearray, start: int, end: int, ctx: Context, seen: int = 0, behind: int = 0
 ) -> int:
-    """What `measure_first` says if a frame fits that is complete: none is read for that."""
+    """Return the result of `measure_first` under the assumption that a complete frame fits, without reading it."""
     place = start + choice.at
     measure = choice.sole[data[place]] if place < end else None
     if measure is not None:
@@ -361,7 +371,7 @@ def extent_first(
 
 
 def fits(frame: Frame, data: bytes, ctx: Context) -> bool:
-    """Whether the bytes are this frame, good or to be refused."""
+    """Return whether the bytes are this frame, valid or to be refused."""
     try:
         frame.decode(data, ctx)
     except FrameError as error:
@@ -370,8 +380,8 @@ def fits(frame: Frame, data: bytes, ctx: Context) -> bool:
 
 
 def encode_one(choice: Choice, value: Any, name: str, ctx: Context) -> bytes:
-    """The bytes of `{frame: fields}`. Raises EncodeError."""
-    # a dict is by far the most frequent, and asking whether something is a Mapping costs as much as the rest
+    """Return the bytes of `{frame: fields}`. Raises EncodeError."""
+    # a dict is by far the most frequent, and the test for a Mapping takes as long as the rest
     one = (type(value) is dict or isinstance(value, Mapping)) and len(value) == 1
     ((wanted, fields),) = value.items() if one else (("", None),)
     if type(fields) is not dict and not isinstance(fields, Mapping):
@@ -390,12 +400,12 @@ def encode_one(choice: Choice, value: Any, name: str, ctx: Context) -> bytes:
 
 
 def encode_unknown(fields: Any, ctx: Context) -> bytes:
-    """Return the bytes of a frame inside that no definition fits, or that is encoded already: its `data`."""
+    """Return the bytes of an inner frame without a definition, or already encoded: its `data`."""
     return bytes(b"" + fields["data"])
 
 
 def encode_nested(level: Frame, value: Any, name: str, ctx: Context) -> bytes:
-    """The bytes of a layout that stands in itself, one level deeper. Raises EncodeError."""
+    """Return the bytes of the next level of a layout inside itself. Raises EncodeError."""
     if not isinstance(value, Mapping):
         raise EncodeError(name, f"'{name}' must be a mapping of fields")
     try:
@@ -405,26 +415,29 @@ def encode_nested(level: Frame, value: Any, name: str, ctx: Context) -> bytes:
         raise EncodeError(f"{name}.{error.field}" if error.field else name, str(error), more) from None
 
 
-# ---- why values cannot be sent: asked by encoders when something went wrong ---------------------------------
+# ---- errors of encoders, determined after a mismatch -------------------------------------------------------
 
 
 class Rule(NamedTuple):
-    """What a value must be. `least` and `most` limit numbers, and the length of texts, bytes and lists.
-
-    `names` (name → number) may be given instead of the number, `only` those. A number is a multiple of `unit`.
-    `inside`: the rules of a mapping or of the items of a list ('' for items that are plain values). `fits`: raises
-    ValueError for a value that cannot be written, with the reason.
-    """
+    """The allowed values of a name."""
 
     type: str
+    """The kind of value."""
     least: int | None = None
+    """The least number, or the minimum length of a text, bytes or list."""
     most: int | None = None
+    """The greatest number, or the maximum length of a text, bytes or list."""
     needed: bool = False
     names: Any = ()
+    """Numbers by name; a name may be given instead of its number."""
     only: bool = False
+    """Whether only these names and their numbers are allowed."""
     unit: int = 1
+    """The unit of which a number is a multiple."""
     inside: Any = None
+    """The rules of a mapping or of the items of a list ('' for plain items)."""
     fits: Any = None
+    """Raises ValueError with the reason for a value that cannot be written."""
 
 
 Rules = Mapping[str, Rule]
@@ -438,10 +451,9 @@ def check_given(
     elsewhere: tuple[str, ...] = (),
     absent: tuple[str, ...] = (),
 ) -> None:
-    """Every value must be known, and what is computed must be as computed.
+    """Raise EncodeError unless every value is known and computed values equal the given ones.
 
-    `elsewhere`: names of cases not taken. `absent`: names of what is not there; None may be given for them. Raises
-    EncodeError.
+    `elsewhere`: names of cases that were not chosen. `absent`: names of absent values, for which None may be given.
     """
     if elsewhere or not values.keys() <= rules.keys():
         for name in values:
@@ -460,7 +472,7 @@ def check_given(
 
 
 def encode_error(values: Any, rules: Rules, error: Exception) -> EncodeError:
-    """What is wrong with the values, in one sentence."""
+    """Return the error for the first faulty value."""
     if isinstance(error, EncodeError):
         return error
     found = find_mismatch(values, rules, "") if isinstance(values, Mapping) else None
@@ -477,9 +489,10 @@ def encode_error(values: Any, rules: Rules, error: Exception) -> EncodeError:
 
 
 def read_back(data: bytes, values: Any, decode: Callable[..., Any], ctx: Any, texts: Any) -> bytes:
-    """The bytes of a frame in which texts end before one of several bytes, and others stand around these texts.
+    """Return the bytes of a frame unchanged, if its texts that end before certain bytes are read back correctly.
 
-    `texts`: the path of each, and the bytes in words. Raises EncodeError where one would be read with another end.
+    `texts`: the path of each text, and its end bytes in words. Raises EncodeError for a text that would have another
+    end.
     """
     try:
         found = decode(data, ctx)
@@ -493,7 +506,7 @@ def read_back(data: bytes, values: Any, decode: Callable[..., Any], ctx: Any, te
 
 
 def is_read_back(given: Any, found: Any, path: Any) -> bool:
-    """Whether what is given at a path is what has been found there; also where nothing is given."""
+    """Return whether the given value at a path equals the value read there, or no value is given."""
     if isinstance(given, (list, tuple)) and isinstance(found, list):
         return len(given) == len(found) and all(map(is_read_back, given, found, [path] * len(given)))
     if not path:
@@ -505,7 +518,7 @@ def is_read_back(given: Any, found: Any, path: Any) -> bool:
 
 
 def path_of(name: Any, rules: Rules) -> str | None:
-    """The path of the value of that name, None if there is none."""
+    """Return the path of the value with a name, or None if it is unknown."""
     if name in rules:
         return str(name)
     for outer, rule in rules.items():
@@ -516,7 +529,10 @@ def path_of(name: Any, rules: Rules) -> str | None:
 
 
 def find_mismatch(values: Context, rules: Rules, path: str) -> EncodeError | None:
-    """The first value that breaks its rule, or, if that is one that is missing, all that are."""
+    """Return the error for the first value that violates its rule.
+
+    A missing value is reported together with all others.
+    """
     for name in values:
         if name not in rules:
             return EncodeError(f"{path}{name}", f"there is no '{path}{name}' in this frame")
@@ -533,7 +549,7 @@ def find_mismatch(values: Context, rules: Rules, path: str) -> EncodeError | Non
 
 
 def missing_error(names: list[str], path: str) -> EncodeError | None:
-    """Values that are not there."""
+    """Return the error for missing values, or None if the list is empty."""
     if not names:
         return None
     *some, last = [f"'{path}{name}'" for name in names]
@@ -542,14 +558,14 @@ def missing_error(names: list[str], path: str) -> EncodeError | None:
 
 
 def mismatch_of(value: Any, rule: Rule, name: str) -> EncodeError | None:
-    """What is wrong with one value."""
+    """Return the error for a value that violates its rule, or None."""
     if rule.names and (isinstance(value, str) or (rule.only and isinstance(value, (int, float)))):
         if value in rule.names or value in rule.names.values():
             return None
         return EncodeError(name, f"'{name}' is one of {', '.join(rule.names)}, not {value!r}")
     kinds: dict[str, Any] = {"number": int, "float": (int, float), "text": str, "bytes": (bytes, bytearray)}
     kinds |= {"digits": (bytes, bytearray), "list": (list, tuple), "mapping": Mapping, "any": object}
-    kinds["decimal"] = object  # what is none does not fit
+    kinds["decimal"] = object  # `fits` refuses other kinds
     if not isinstance(value, kinds[rule.type]):
         return EncodeError(name, f"'{name}' {other_kind(value, rule)}")
     if rule.fits is not None:
@@ -578,7 +594,7 @@ def mismatch_of(value: Any, rule: Rule, name: str) -> EncodeError | None:
 
 
 def other_kind(value: Any, rule: Rule) -> str:
-    """What is said of a value that is of no kind which its rule takes."""
+    """Return the description of a value of the wrong kind."""
     words = {"number": "a whole number", "float": "a number", "text": "text", "list": "a list", "mapping": "a mapping"}
     wanted, found = f"must be {words.get(rule.type, 'bytes')}", type(value).__name__
     if rule.type == "number" and found in ("float", "Decimal"):
@@ -588,7 +604,7 @@ def other_kind(value: Any, rule: Rule) -> str:
 
 
 def mismatch_inside(value: Any, rules: Rules, name: str) -> EncodeError | None:
-    """What is wrong in a mapping or in the items of a list."""
+    """Return the first error in a mapping or in the items of a list, or None."""
     if isinstance(value, Mapping):
         return find_mismatch(value, rules, f"{name}.")
     for place, item in enumerate(value):
@@ -605,14 +621,14 @@ def mismatch_inside(value: Any, rules: Rules, name: str) -> EncodeError | None:
 
 
 def needed(values: Context, name: str, path: str) -> Any:
-    """A value of a record that has to be there. Raises EncodeError."""
+    """Return a value of a record. Raises EncodeError if it is missing."""
     if name not in values:
         raise EncodeError(path + name, f"'{path}{name}' is missing")
     return values[name]
 
 
 def check_size(name: str, found: int, wanted: int | None) -> None:
-    """A value must be as long as another one says. Raises EncodeError."""
+    """Raise EncodeError unless a value has the length that another value states."""
     if wanted is None:
         raise EncodeError(name, f"the size of '{name}' cannot be told: a value it is worked out from is not there")
     if found != wanted:

@@ -1,6 +1,6 @@
-"""A frame being read carefully: where reading stands, what was found, the first fault; and the calls of its parts.
+"""Read a frame carefully, with a call per segment: record values and spans, and find the first fault.
 
-Inlined into generated modules, so it imports nothing of framekit but the errors.
+Generated modules contain copies of this source, so it imports only the errors of framekit.
 """
 
 from __future__ import annotations
@@ -13,21 +13,25 @@ from typing import Any
 from framekit.codec.errors import FrameError
 
 Ask = Callable[[Any], Any]
-"""A function of the diagnosis that works something out from what was read."""
+"""Compute a value from the state of the reading."""
 Span = tuple[str, int, int, Any]
+"""Path of a value, offset of its first byte, offset after its last byte, and the value."""
 Opened = tuple[bytes, Sequence[int], *tuple[str, ...]]
-"""What is inside a wrap: the content, the place of each byte and of the end in the region, '' or the cause of a fault
-(then the last place is where it is); behind the cause, where it has them, what was expected and found."""
+"""The decoded content of a wrap.
+
+Its parts are the content, the offset of each byte and of the end in the region, the cause of a fault ('' for none; with
+a fault the last offset is that of the fault), and for some causes the expected and received bytes.
+"""
 EVALUATION_ERRORS = (ValueError, LookupError, TypeError, ArithmeticError, AttributeError)
-"""What working out an expression on damaged values can raise."""
+"""The exceptions that an expression can raise for damaged values."""
 
 
-class Stop(Exception):  # noqa: N818 - no error, a way out of a part that cannot be read on
-    """What is left of this part of a frame cannot be read."""
+class Stop(Exception):  # noqa: N818 - control flow, not an error
+    """Raised if the rest of this part of the frame cannot be read."""
 
 
 class Nothing(dict[str, Any]):
-    """What stands for a record that is not there: all in it is nothing, too. It holds those of the records in it."""
+    """Stand for an absent record, all of whose values are absent; its entries are its inner records."""
 
     def __eq__(self, other: object) -> bool:
         return other is None or other is self
@@ -36,22 +40,24 @@ class Nothing(dict[str, Any]):
 
 
 class ItemPlace:
-    """An item being read: its number from 0, the item before; `count` items come, or `ended` tells it at its end.
-
-    `filled`: so many bytes may stand behind the last item at most.
-    """
+    """The state of the list item that is being read."""
 
     def __init__(self, reading: Diagnosis, index: int, previous: Any, count: int | None, filled: int = 0) -> None:
         self.reading = reading
         self.index = index
+        """Its index, from 0."""
         self.previous = previous
+        """The previous item, or None."""
         self.count = count
+        """The number of items, or None if it is not known in advance."""
         self.filled = filled
+        """Maximum number of fill bytes after the last item."""
         self.ended: bool | None = None
+        """Whether the item ends the list; None until this is known."""
 
     @property
     def last(self) -> bool:
-        """Whether it is the last one; without a count it is known at the end of the item."""
+        """Return whether it is the last item; without a count this is known only at its end."""
         if self.ended is not None:
             return self.ended
         if self.count is not None:
@@ -60,25 +66,29 @@ class ItemPlace:
 
 
 class Notes:
-    """The first fault and its turn, a wrong check code, whether one was not reached, and checks that only warn."""
+    """The faults of a frame."""
 
     def __init__(self) -> None:
         self.first: FrameError | None = None
+        """The first fault other than a wrong check code."""
         self.turn = 0
+        """The turn of the first fault."""
         self.check: FrameError | None = None
+        """The first wrong check code."""
         self.unchecked = False
+        """Whether a check code was not reached."""
         self.warnings: list[str] = []
+        """The wrong check codes that only warn."""
         self.unknown: list[tuple[str, FrameError]] = []
-        """The frames inside that are none of the candidates, with the fault of the candidate that was read furthest."""
+        """The inner frames that fit no candidate, each with the fault of the candidate that was read furthest."""
 
 
 class Diagnosis:
-    """A frame being read carefully, one call a segment; `refuse` is the code of a fault there that is to be answered.
+    """The state of a careful reading, with a method for each kind of call; `refuse`: the refusal code of a fault.
 
-    `fields` and `shown` (what `spans` are made of) grow as it goes. `n["name"]` is a field by name, innermost record
-    first; one that is left out is nothing, and the list around an item holds those before it. Places count in the
-    present buffer; `wire` turns them into those on the wire, also inside wraps. `turn` counts segments, also those that
-    take no bytes. `is_quiet`: the part that is read now has had its fault.
+    `n["name"]` is a field by name, searched from the innermost record outwards; an absent field is None, and a list
+    around the current item holds the previous items. Offsets are relative to the current buffer; `wire` converts them
+    to offsets in the frame.
     """
 
     def __init__(self, data: bytes, ctx: Mapping[str, Any]) -> None:
@@ -87,20 +97,24 @@ class Diagnosis:
         self.at = 0
         self.end = len(data)
         self.places: Sequence[int] | None = None
+        """The offsets in the frame of the bytes of the current buffer; None if they are equal."""
         self.fields: dict[str, Any] = {}
         self.scopes = [self.fields]
         self.path = ""
-        """What messages put before a segment: the records around it, with the numbers of items."""
+        """The prefix of segments in messages: the enclosing records, with the indexes of items."""
         self.holder = ""
-        """What `bounds`, `turns` and `starts` put before a segment: the records around it."""
+        """The prefix of segments in `bounds`, `turns` and `starts`: the enclosing records."""
         self.left_out: dict[tuple[int, str], Any] = {}
         self.bounds: dict[str, tuple[bytes, int, int]] = {}
         self.turn = 0
+        """The number of segments so far, including those without bytes."""
         self.turns: dict[str, int] = {}
         self.starts: dict[str, int] = {}
         self.shown: list[tuple[str, str, int, int, Any, Sequence[int] | None]] = []
+        """The parts of `spans`: prefix, segment, start, end, value, and `places`."""
         self.notes = Notes()
         self.is_quiet = False
+        """Whether the current part has already reported its fault."""
 
     def __getitem__(self, name: str) -> Any:
         item: Any = None
@@ -115,7 +129,7 @@ class Diagnosis:
         raise KeyError(name)
 
     def without(self, names: Iterable[str], records: Iterable[str] = ()) -> None:
-        """Fields and records that are not there are nothing; `outer.inner`, after `outer`, is a record in another."""
+        """Mark fields and records as absent; `outer.inner`, listed after `outer`, is a record in another record."""
         scope = id(self.scopes[-1])
         self.left_out |= {(scope, name): None for name in names}
         for path in records:
@@ -130,13 +144,16 @@ class Diagnosis:
 
     @property
     def fault(self) -> FrameError | None:
-        """What is wrong: a wrong check code before everything else. It is refused only if the check code is right."""
+        """Return the fault: a wrong check code takes precedence.
+
+        Only a frame with reached and correct check codes is refused.
+        """
         if self.notes.first is not None and self.notes.unchecked:
             self.notes.first.refuse = None
         return self.notes.check or self.notes.first
 
     def error(self, frame: str) -> FrameError:
-        """The fault with the fields that were read before it."""
+        """Return the fault with the fields that were read before it."""
         fault = self.fault or FrameError("value", frame, 0, "values that fit together")
         fault.also = self.notes.first if fault is self.notes.check else None
         last = self.turn + 1 if fault is self.notes.check else self.notes.turn
@@ -145,7 +162,10 @@ class Diagnosis:
 
     @property
     def spans(self) -> list[Span]:
-        """What was read: path, first byte, byte behind the last, value; what is in a frame inside comes behind it."""
+        """Return path, offset of the first byte, offset after the last byte and value of everything that was read.
+
+        The content of an inner frame follows the frame itself.
+        """
         found: list[Span] = []
         for path, segment, first, last, value, places in self.shown:
             if not isinstance(value, Diagnosis):
@@ -157,11 +177,11 @@ class Diagnosis:
         return found
 
     def note(self, cause: str, segment: str, place: int, expected: str, found: str, refuse: int | None = None) -> None:
-        """A fault; the first one in the frame counts."""
+        """Record a fault; only the first fault in the frame counts."""
         self.note_at(self.wire(place), cause, segment, expected, found, refuse)
 
     def note_at(self, place: int, cause: str, segment: str, expected: str, found: str, refuse: int | None) -> None:
-        """As `note`, for a place on the wire."""
+        """Record a fault at an offset in the frame."""
         if self.is_quiet:
             return
         turn = self.turns.get(self.holder + segment, self.turn)
@@ -171,12 +191,12 @@ class Diagnosis:
             self.notes.first = FrameError(cause, self.path + shown(segment), place, expected, found, refuse)
 
     def stop(self, cause: str, segment: str, expected: str, found: str, refuse: int | None = None) -> Stop:
-        """A fault behind which this part cannot be read on."""
+        """Record a fault that ends the reading of this part; return the exception to raise."""
         self.note(cause, segment, self.at, expected, found, refuse)
         return Stop()
 
     def wire(self, place: int) -> int:
-        """Where a place in the present buffer is on the wire."""
+        """Return the offset in the frame of an offset in the current buffer."""
         return place if self.places is None else wire_offset(self.places, place)
 
     def show(self, segment: str, start: int, value: Any) -> None:
@@ -185,7 +205,7 @@ class Diagnosis:
     # ---- going on -----------------------------------------------------------------------------------------
 
     def begin(self, name: str) -> int:
-        """The turn of the next segment; gives the place where it begins."""
+        """Start the turn of the next segment; return its offset."""
         self.turn += 1
         path = self.holder + name
         self.turns[path] = self.turn
@@ -194,7 +214,7 @@ class Diagnosis:
         return at
 
     def take(self, name: str, size: int, refuse: int | None = None) -> bytes:
-        """The next bytes. Raises Stop if they are not there."""
+        """Return the next `size` bytes. Raises Stop if they are missing."""
         start = self.at
         if size < 0:
             raise self.stop("length", name, "a size of at least 0", str(size), refuse)
@@ -205,7 +225,10 @@ class Diagnosis:
         return self.data[start : self.at]
 
     def ask(self, what: int | Ask, cause: str, segment: str, refuse: int | None = None) -> Any:
-        """The value of an expression; only a `value` may be no whole number. Raises Stop if it cannot be worked out."""
+        """Return the value of an expression, a whole number unless `cause` is `value`.
+
+        Raises Stop if it has no value.
+        """
         if isinstance(what, int):
             return what
         try:
@@ -218,14 +241,17 @@ class Diagnosis:
         raise self.stop(cause, segment, "values it can be worked out from", "none", refuse)
 
     def rest(self, behind: int | Ask, segment: str) -> int:
-        """How many bytes there are up to the last `behind` ones. Raises Stop if they overlap what was read."""
+        """Return the number of bytes before the last `behind` bytes. Raises Stop if it is negative."""
         size = int(self.end - self.ask(behind, "length", segment) - self.at)
         if size < 0:
             raise self.stop("short", segment, "room for what follows", f"{size} bytes")
         return size
 
     def until_tail(self, mark: int) -> int:
-        """How many bytes there are from the next byte `mark` on, which ends a body whatever is in it."""
+        """Return the number of bytes from the next byte `mark` to the end.
+
+        The byte ends a body whatever its content.
+        """
         stop = self.data.find(mark, self.at, self.end)
         if stop < 0:
             raise self.stop("short", "tail", f"{mark:02X}", "none")
@@ -235,9 +261,9 @@ class Diagnosis:
 
     @contextmanager
     def part(self, behind: int | Ask = 0, surplus: int | None = None, checks: bool = False) -> Iterator[None]:
-        """A part with `behind` bytes behind it; however it goes, reading goes on there.
+        """Read a part that is followed by `behind` bytes; reading continues after the part in every case.
 
-        `surplus`: the code for bytes left over. `checks`: there are check codes in it.
+        `surplus`: the refusal code for remaining bytes. `checks`: the part contains check codes.
         """
         whole = self.end
         self.end = whole - self.ask(behind, "short", "frame")
@@ -255,7 +281,7 @@ class Diagnosis:
 
     @contextmanager
     def attempt(self, behind: int | Ask, checks: bool = False) -> Iterator[None]:
-        """A part with `behind` bytes behind it, which are read all the same if the part cannot be."""
+        """Read a part that is followed by `behind` bytes, which are read even if the part fails."""
         start, whole = self.at, self.end
         tail = whole - self.ask(behind, "short", "frame")
         scopes, path, holder = len(self.scopes), self.path, self.holder
@@ -270,7 +296,7 @@ class Diagnosis:
 
     @contextmanager
     def record(self, name: str) -> Iterator[None]:
-        """Fields that make one value."""
+        """Read the fields of a record."""
         start = self.begin(name)
         fields: dict[str, Any] = {}
         self.scopes[-1][name] = fields
@@ -283,7 +309,7 @@ class Diagnosis:
         self.bounds[self.holder + name] = (self.data, start, self.at)
 
     def within(self, name: str, compare: Callable[[], None]) -> None:
-        """Compares what a record holds, if it is there, with what was read after it."""
+        """Compare values of a record, if it is present, after later segments have been read."""
         fields = self.scopes[-1].get(name)
         if fields is None:
             return
@@ -304,11 +330,11 @@ class Diagnosis:
         between: bool = False,
         single: str = "",
     ) -> Iterator[ItemPlace]:
-        """Every item of a list of records; `times` None: as many as fit before the last `behind` bytes.
+        """Yield every item of a list of records; `times` None: as many as fit before the last `behind` bytes.
 
-        `until`: the items tell themselves which is the last one (`ends`). `align`: each begins at a multiple of so many
-        bytes of the list; `between`: nothing fills the last one up. `single`: the items are the values of this field;
-        there is no list where one of them is wrong.
+        `until`: the items determine which is the last (`ends`). `align`: each item begins at a multiple of `align`
+        bytes from the start of the list; `between`: the last item has no fill bytes. `single`: the items are the values
+        of this field; the list is omitted if one of them is faulty.
         """
         start = self.begin(name)
         items: list[dict[str, Any]] = []
@@ -344,7 +370,7 @@ class Diagnosis:
             self.scopes[-1][name] = [one[single] for one in items]
 
     def ends(self, item: ItemPlace, until: Ask) -> None:
-        """Whether the item that was read is the last one of its list."""
+        """Record whether the item that was read is the last of its list."""
         item.ended = bool(self.ask(until, "value", "until"))
 
     @contextmanager
@@ -356,7 +382,7 @@ class Diagnosis:
         behind: int | Ask = 0,
         checks: bool = False,
     ) -> Iterator[None]:
-        """The content of a wrap; `size` on the wire, None: up to the last `behind` bytes."""
+        """Read the content of a wrap of `size` encoded bytes; None: all bytes before the last `behind` bytes."""
         start = self.begin(name)
         raw = self.take(name, self.rest(behind, name) if size is None else self.ask(size, "short", name))
         plain, places, *told = open_up(raw)
@@ -378,7 +404,7 @@ class Diagnosis:
             with self.part(checks=checks):
                 yield
         finally:
-            if not has_content:  # what is worked out of nothing is no value of the frame, and no check code counts it
+            if not has_content:  # values and spans computed without content are invalid
                 self.bounds = bounds
                 for one in values.keys() - set(before):
                     del values[one]
@@ -404,7 +430,7 @@ class Diagnosis:
         refuse: int | None = None,
         **rules: Any,
     ) -> None:
-        """A value; `rules` are those of `validate`."""
+        """Read a value; `rules` are the arguments of `validate`."""
         start = self.begin(name)
         raw = self.take(name, self.ask(size, "length", name, refuse), refuse)
         self.store(name, start, raw, parse, refuse, **rules)
@@ -412,7 +438,7 @@ class Diagnosis:
     def store(
         self, name: str, start: int, raw: bytes, parse: Callable[[bytes], Any], refuse: int | None, **rules: Any
     ) -> None:
-        """Keeps what bytes mean; digits that are none are a fault."""
+        """Store the value of some bytes, or record a fault for invalid digits."""
         try:
             value = parse(raw)
         except ValueError:
@@ -434,7 +460,7 @@ class Diagnosis:
         among: Any = None,
         cause: str = "value",
     ) -> None:
-        """What must hold for a value: it lies in `limits`; it is one of `among`."""
+        """Record a fault unless a value is within `limits` and one of `among`."""
         if among is not None and value not in among:
             self.note(cause, name, place, " or ".join(str(one) for one in among), repr(value), refuse)
         if limits is not None and not limits[0] <= value <= limits[1]:
@@ -451,7 +477,7 @@ class Diagnosis:
         refuse: int | None = None,
         **rules: Any,
     ) -> None:
-        """A number that is a mark with a longer number behind when it is large."""
+        """Read a number that is a mark followed by a longer number if it is large."""
         start = self.begin(name)
         raw = self.take(name, size, refuse)
         try:
@@ -472,8 +498,9 @@ class Diagnosis:
         find: Callable[..., int] | None = None,
         **rules: Any,
     ) -> None:
-        """A text up to the bytes that end it; `find`: of the first of them, or of some pieces, which is part of what
-        follows. So in the last item of a list that may stand just behind the list.
+        """Read a text up to its end bytes. With `find` the end is the first of several byte strings and not consumed.
+
+        Such an end may follow the list if the text ends the last item of a list.
         """
         start = self.begin(name)
         ends = (end,) if find is None else tuple(bytes((one,)) if isinstance(one, int) else one for one in end)
@@ -496,7 +523,7 @@ class Diagnosis:
         refuse: int | None = None,
         among: Mapping[str, tuple[Any, str]] | None = None,
     ) -> None:
-        """Named bits of one number: name → lowest bit and mask; `among`: name → allowed values and the cause."""
+        """Read named bits of a number: name → lowest bit and mask; `among`: name → allowed values and the cause."""
         start = self.begin(name)
         raw = self.take(name, self.ask(size, "length", name, refuse), refuse)
         try:
@@ -524,7 +551,7 @@ class Diagnosis:
         least: int = 0,
         never: bytes = b"",
     ) -> None:
-        """Bytes; `size` on the wire, None: up to the last `behind` bytes; `never`: what may not stand in them."""
+        """Read `size` encoded bytes; None: all before the last `behind` bytes; `never`: forbidden bytes."""
         start = self.begin(name)
         room = self.rest(behind, name) if size is None else self.ask(size, "length", name, refuse)
         raw = self.take(name, room, refuse)
@@ -545,7 +572,7 @@ class Diagnosis:
         refuse: int | None = None,
         behind: int | Ask = 0,
     ) -> None:
-        """A list of plain values of `size` bytes each."""
+        """Read a list of plain values of `size` bytes each."""
         start = self.begin(name)
         room = self.rest(behind, name) if times is None else size * self.ask(times, "length", name, refuse)
         raw = self.take(name, room, refuse)
@@ -559,7 +586,7 @@ class Diagnosis:
         self.store(name, start, raw, parse_all, refuse)
 
     def value(self, name: str, read: Ask, refuse: int | None = None) -> None:
-        """A value that takes no bytes."""
+        """Compute a value that takes no bytes."""
         start = self.begin(name)
         try:
             value = read(self)
@@ -571,7 +598,7 @@ class Diagnosis:
         self.show(name, start, value)
 
     def absent(self, name: str, default: Ask) -> None:
-        """The value of a field that is not there."""
+        """Compute the default of an absent field."""
         start = self.begin(name)
         try:
             self.bounds[self.holder + name] = (self.data, start, start)
@@ -580,19 +607,19 @@ class Diagnosis:
             self.note("value", name, start, "values it can be worked out from", "none")
 
     def nothing(self, *paths: str) -> None:
-        """Let absent segments take no bytes."""
+        """Give absent segments an empty span."""
         for path in paths:
             self.bounds[path] = (self.data, self.at, self.at)
 
     def require(self, text: str, condition: Ask, refuse: int | None = None) -> None:
-        """A condition that must hold here."""
+        """Record a fault unless a condition is true here."""
         start = self.begin("require")
         self.expect("require", "require", start, text, condition, refuse)
 
     def expect(
         self, cause: str, segment: str, place: int, expected: str, condition: Ask, refuse: int | None = None
     ) -> None:
-        """A condition about a segment; one that cannot be worked out does not hold."""
+        """Record a fault of a segment unless a condition is true; a condition without a value is false."""
         try:
             holds = condition(self)
         except EVALUATION_ERRORS:
@@ -601,7 +628,7 @@ class Diagnosis:
             self.note(cause, segment, place, expected, "", refuse)
 
     def same(self, cause: str, name: str, wanted: Ask, refuse: int | None = None) -> None:
-        """A value that was read is compared with what it should be, as far as that can be told."""
+        """Compare a value with its expected value, if both are available."""
         path = self.holder + name
         if path not in self.bounds or name not in self.scopes[-1]:
             return
@@ -618,7 +645,7 @@ class Diagnosis:
     def check(
         self, name: str, size: int, code: Ask, digits: bool = False, verify: bool = True, keyed: bool = False
     ) -> None:
-        """A check code over what was read before it; `digits` may be in upper or lower case."""
+        """Read a check code over the bytes before it; `digits` may be in upper or lower case."""
         start = self.begin(name)
         self.show(name, start, self.take(name, size))
         end, self.at = self.at, start
@@ -626,7 +653,7 @@ class Diagnosis:
         self.at = end
 
     def verify(self, path: str, code: Ask, digits: bool = False, verify: bool = True, keyed: bool = False) -> None:
-        """Compare a check code, if it was read, with the bytes it should be; a code made with a key is not shown."""
+        """Compare a check code, if it was read, with the expected bytes; a code made with a key is not shown."""
         if path not in self.bounds:
             return
         data, start, end = self.bounds[path]
@@ -645,7 +672,7 @@ class Diagnosis:
         self.wrong_check(name, start, expected, hex_text(found), verify)
 
     def wrong_check(self, name: str, place: int, expected: str, found: str, verify: bool = True) -> None:
-        """A check code is not right; unless that is verified, it is only told. The first in the frame counts."""
+        """Record a wrong check code, or only a warning without `verify`; the first in the frame counts."""
         fault = FrameError("check", self.path + shown(name), self.wire(place), expected, found)
         if not verify:
             self.notes.warnings.append(str(fault))
@@ -653,9 +680,9 @@ class Diagnosis:
             self.notes.check = fault
 
     def inner(self, name: str, size: int | Ask | None, choice: Any, behind: int | Ask = 0, found: bool = False) -> None:
-        """A frame inside this one: the first candidate that fits, or that is to be refused.
+        """Read an inner frame: the first candidate that fits, or that is to be refused.
 
-        `found`: its size is that of a candidate that fits, or tells that none does.
+        `found`: the size was measured on the candidates; it is not positive if none fits.
         """
         start = self.begin(name)
         room = self.rest(behind, name) if size is None else self.ask(size, "length", name)
@@ -679,7 +706,7 @@ class Diagnosis:
         self.show(name, start, raw)
 
     def no_frame(self, name: str, start: int, choice: Any) -> Stop:
-        """Note that no candidate for a frame inside fits: the fault is that of the candidate that was read furthest."""
+        """Record that no candidate for an inner frame fits, with the fault of the candidate that was read furthest."""
         best: tuple[str, Diagnosis] | None = None
         for frame in choice.everything:
             size = frame.measure(self.data, start, self.end, self.ctx)
@@ -693,7 +720,7 @@ class Diagnosis:
         return Stop()
 
     def nested(self, name: str, level: Any) -> None:
-        """The layout around once more, one level deeper; it tells itself where it ends."""
+        """Read the next level of a layout inside itself, which determines its own end."""
         start = self.begin(name)
         size = level.measure(self.data, start, self.end, self.ctx)
         raw = self.take(name, size) if size > 0 else self.data[start : self.end]
@@ -704,7 +731,7 @@ class Diagnosis:
             raise Stop
 
     def adopt(self, name: str, start: int, inner: Diagnosis, first: FrameError | None = None) -> None:
-        """Takes over what was found out about a frame inside; its fault comes behind the frame itself."""
+        """Add the results for an inner frame; its fault has a later turn than the inner frame itself."""
         self.shown.append((self.path, name, start, start, inner, self.places))
         self.notes.warnings.extend(inner.notes.warnings)
         unknown = ((f"{self.path}{name}.{path}", self.moved(name, start, fault)) for path, fault in inner.notes.unknown)
@@ -716,33 +743,36 @@ class Diagnosis:
             self.note(fault.cause, path, place, fault.expected, fault.found, fault.refuse)
 
     def moved(self, name: str, start: int, fault: FrameError) -> FrameError:
-        """Return a fault of a frame inside as a fault of this frame."""
+        """Return a fault of an inner frame as a fault of this frame."""
         segment, place = f"{self.path}{name}.{fault.segment}", self.wire(start + fault.offset)
         return FrameError(fault.cause, segment, place, fault.expected, fault.found)
 
     # ---- what was read ------------------------------------------------------------------------------------
 
     def bytes_of(self, *paths: str) -> bytes:
-        """These segments in this order, each as it is inside its wrap; those that are not there count nothing."""
+        """Return the bytes of these segments in this order, decoded if they are in a wrap."""
         return b"".join(data[start:end] for data, start, end in (self.bounds[path] for path in paths))
 
     def bytes_from(self, path: str) -> bytes:
-        """Everything from a segment up to here."""
+        """Return all bytes from a segment up to the current offset."""
         return self.data[self.bounds[path][1] : self.at]
 
     def room(self, *paths: str) -> int:
-        """Bytes these segments take."""
+        """Return the total size of these segments in bytes."""
         return sum(end - start for _, start, end in (self.bounds[path] for path in paths if path in self.bounds))
 
 
 def reach_of(reading: Diagnosis) -> int:
-    """Return how many bytes are right before the first fault but a wrong check code; more than all if only that is."""
+    """Return the number of valid bytes before the first fault other than a wrong check code.
+
+    Without such a fault the result is the size plus 1.
+    """
     first = reading.notes.first
     return len(reading.data) + 1 if first is None else first.offset
 
 
 def wire_offset(places: Sequence[int] | None, place: int) -> int:
-    """Where a place in a buffer is on the wire, if `places` are those of its bytes there."""
+    """Return the offset in the frame of an offset in a buffer, given the offsets of the buffer's bytes."""
     return place if places is None else places[min(place, len(places) - 1)]
 
 
@@ -753,12 +783,12 @@ def shown(segment: str) -> str:
 
 
 def hex_text(data: bytes) -> str:
-    """Bytes as messages show them: `10 03`."""
+    """Return bytes in the format of messages: `10 03`."""
     return data.hex(" ").upper()
 
 
 def hex_content(raw: bytes) -> Opened:
-    """What hex digits stand for."""
+    """Decode carefully a content in hex digits."""
     for place in range(0, len(raw), 2):
         if len(raw) < place + 2 or raw[place : place + 2].strip(b"0123456789ABCDEFabcdef"):
             return b"", [place], "digits"

@@ -1,6 +1,4 @@
-"""Write C for each kind of segment: a module for a kind, or for several similar kinds, and a row for each in
-`KINDS`.
-"""
+"""Write C for each kind of segment: a module for one or several similar kinds, and rows in `KINDS`."""
 
 from collections.abc import Mapping
 

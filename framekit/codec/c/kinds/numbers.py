@@ -77,8 +77,9 @@ def store_number(r: ReadWriter, segment: Number, here: Here, read: tuple[str, st
 
 @contextmanager
 def if_number(r: ReadWriter, segment: Segment, failing: str, start: str) -> Iterator[None]:
-    """Write the code for a valid number inside the context. `failing`: the call that returns 1 for no number, 2 for too
-    large.
+    """Write the code for a valid number inside the context.
+
+    `failing`: the call that returns 1 for no number, 2 for too large.
     """
     if not failing:
         yield
