@@ -126,7 +126,7 @@ def _ready(captures: Sequence[Path], target: Path) -> None:
     if target.exists():
         raise RequestError(f"{target} is there already – remove it, or name another")
     try:
-        import pyarrow as pa  # noqa: F401 – whether it is there
+        import pyarrow as pa  # noqa: F401 – fails if it is not installed
     except ImportError:
         raise RequestError(library_missing("an archive", "pyarrow")) from None
 

@@ -271,7 +271,7 @@ class AsyncClient:
         key = (address, type, order, count, station, station.__class__)
         try:
             known = self._known_reads.get(key)
-        except TypeError:  # a list of addresses, say
+        except TypeError:  # such as a list of addresses
             known = None
         if known is None:
             to = self.settings.station_for(station)
@@ -606,7 +606,7 @@ class Poll:
         return f"<Poll of {what}, {often}: {self.reads} reads, {self.failures} failures, {state}>"
 
     def __await__(self) -> Generator[Any, None, None]:
-        yield from asyncio.wait([self._ended]).__await__()  # cancelled, it leaves the end to come, and others waiting
+        yield from asyncio.wait([self._ended]).__await__()  # a cancelled wait affects no other wait
         self._ended.result()
 
     def _result(self, result: TransferResult) -> None:

@@ -212,7 +212,7 @@ class Gateway:
             log.warning("fleet: a message to %s is no rolled file", self._topic(ROLL))
             return
         if data.get("instance") != self._instance:
-            return  # it is for another gateway that is called so
+            return  # it is for another gateway with the same name
         said = {"id": identity[:64].encode(errors="backslashreplace").decode()}
         content = text.encode(errors="backslashreplace")
         wanted = signature(self._token, self.fleet.group, self.name, self._number, said["id"], content)

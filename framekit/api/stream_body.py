@@ -119,7 +119,7 @@ class _BodyMaker:
         self._ignores_extra = reads and settings.ignores_extra
         self._elements = list(_joined(elements))
         self._least = 0
-        self._is_exact = True  # all before has _least bytes
+        self._is_exact = True  # everything before has _least bytes
         self._begins: set[int] = set()
         self._starts = {one.width for one in self._elements if isinstance(one, Converter) and one.kind == "<"}
         self._numbers: dict[str, int] = {}

@@ -623,7 +623,7 @@ class _StreamReader:
                 continue
             place = match.end()
             if match["variable"] is not None:
-                number = int(match["variable"])  # others are put in before
+                number = int(match["variable"])  # other variables are replaced before
                 if not number:
                     raise _ToldError(at, "$0, the name of the protocol", "write the name")
                 add(chr(_ARGUMENT + number), at)

@@ -25,7 +25,7 @@ def run_completion(arguments: argparse.Namespace) -> int:
     parser = build_parser()
     for action in (action for one in (parser, *parser.verbs.values()) for action in one._actions):
         if isinstance(action.choices, range):
-            action.choices = None  # no list for people
+            action.choices = None  # no list in the help
         if action.type is Path:
             action.complete = shtab.FILE  # type: ignore[attr-defined]  # where shtab looks
     print(shtab.complete(parser, shell=arguments.shell))

@@ -446,7 +446,7 @@ def run_check(arguments: argparse.Namespace) -> int:
         for line in lines:
             if line not in told:
                 print(line, file=sys.stderr)
-        if lines and told.issuperset(lines):  # of a device and its protocol, say
+        if lines and told.issuperset(lines):  # such as of a device and its protocol
             print(f"{name}: what is wrong has been told above", file=sys.stderr)
         told.update(lines)
         if not any(not problem.warning for problem in checked.problems):

@@ -139,7 +139,7 @@ async def _record(arguments: argparse.Namespace, line: LineFormat, duration: int
         elif number not in opened:
             failed.append(text)
             stopped.set()
-        elif text != last[number]:  # else it still is as it was at the last try
+        elif text != last[number]:  # otherwise unchanged since the last try
             _say(f"{text} – trying again")
         last[number] = text
 

@@ -18,19 +18,19 @@ class GivenValue:
 
     @property
     def text(self) -> str | None:
-        """The text of a single value; None for lists and maps."""
+        """Return the text of a single value; None for lists and maps."""
         return self.value if isinstance(self.value, str) else None
 
     @property
     def items(self) -> tuple[GivenValue, ...] | None:
-        """The items of a list; None for other values."""
+        """Return the items of a list; None for other values."""
         if isinstance(self.value, str) or self.is_map:
             return None
         return tuple(item for item in self.value if isinstance(item, GivenValue))
 
     @property
     def entries(self) -> tuple[GivenEntry, ...] | None:
-        """The entries of a map; None for other values."""
+        """Return the entries of a map; None for other values."""
         if isinstance(self.value, str) or not self.is_map:
             return None
         return tuple(entry for entry in self.value if isinstance(entry, GivenEntry))

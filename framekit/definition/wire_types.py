@@ -291,7 +291,7 @@ class TypeKeys:
         stops = tuple(dict.fromkeys(reader.bytes(item) for item in reader.items(node)))
         for one in stops:
             for other in stops:
-                if 0 < other.find(one, 1) < len(other) - len(one):  # it would end the text before the other is there
+                if 0 < other.find(one, 1) < len(other) - len(one):  # it would end the text within the other
                     what = f"{one.hex(' ').upper()} stands within {other.hex(' ').upper()}, and would end it earlier"
                     raise reader.broken(node.at, what, "leave one of them out")
         return None, stops

@@ -22,7 +22,7 @@ from framekit.memory.views import ORDERS, VIEWS
 from framekit.run.behaviours import BEHAVIOURS
 from framekit.run.behaviours import schema_of as schema_of_behaviour
 from framekit.run.triggers import TRIGGERS
-from framekit.runfile import behave as behave  # it brings a kind of behaviour
+from framekit.runfile import behave as behave  # registers a kind of behaviour
 from framekit.runfile.fleet import fleet_schema
 from framekit.sinks import SINKS
 from framekit.sinks.base import schema_of
@@ -48,7 +48,7 @@ Schemas = dict[str, dict[str, Any]]
 
 def with_tables(schemas: Schemas) -> Schemas:
     """Return the schemas, by file name, completed from the tables of keys."""
-    assert segments.Segment in KINDS["field"].__mro__  # the kinds are there
+    assert segments.Segment in KINDS["field"].__mro__  # the kinds are registered
     protocol, common = schemas["protocol.schema.json"]["$defs"], schemas["common.schema.json"]["$defs"]
     names = {f"{key}_segment": kind.schema() for key, kind in KINDS.items()}
     protocol["segment"]["oneOf"] = [{"required": [key]} for key in KINDS]

@@ -596,7 +596,7 @@ class RunEditor:
             service.lines.put(number, made)
         before, service.run = service.run.sets, edit.run
         for number, on in edit.run.sets.items():
-            if before.get(number) != on:  # one that was switched by hand stays so
+            if before.get(number) != on:  # a switch by hand remains
                 scheduler.set_enabled(number, on, now)
                 service.set_switched(number)
         added = [scheduler.add(block) for block in added_blocks(edit)]

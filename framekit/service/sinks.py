@@ -279,7 +279,7 @@ class SinkFeeder:
         while True:
             pause = 0.0 if went_well else min(max(1.0, 2 * pause), LONGEST_WAIT)
             with self._change:
-                if pause:  # values that come meanwhile do not make it shorter
+                if pause:  # new values do not shorten it
                     self._change.wait_for(lambda: self._ending, pause)
                 else:
                     self._change.wait_for(lambda: self._ending or self._waiting.has_some or self._lost_server)

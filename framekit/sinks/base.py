@@ -190,7 +190,7 @@ class Host(Interface):
 class Sink(ABC):
     """Takes values. An exception of a method is reported, does not affect the lines, and the call is repeated later."""
 
-    def meet(self, host: Host) -> None:  # noqa: B027 – most sinks ask nothing of the run
+    def meet(self, host: Host) -> None:  # noqa: B027 – most sinks do not use the run
         """Receive the host, once, before all other calls."""
 
     @abstractmethod
@@ -233,7 +233,7 @@ def not_installed(library: str, module: str) -> Iterator[tuple[str, str, str]]:
     """Return the mistake that a library of a kind is not installed, for `mistakes`; empty if it is installed."""
     try:
         there = find_spec(module) is not None
-    except ModuleNotFoundError:  # a package above it is not there
+    except ModuleNotFoundError:  # a parent package is missing
         there = False
     if not there:
         yield "", *without_library("this", library)

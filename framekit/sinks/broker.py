@@ -114,7 +114,7 @@ class BrokerAccess(NamedTuple):
             CallbackAPIVersion.VERSION2, client_id=name, clean_session=True, reconnect_on_failure=reconnects
         )
         client.connect_timeout = LONGEST_CONNECT
-        client.max_inflight_messages_set(0)  # as many as are sent at once
+        client.max_inflight_messages_set(0)  # no limit
         if self.user:
             client.username_pw_set(self.user, None if self.password is None else self.password.read())
         if self.tls is not None:

@@ -872,7 +872,7 @@ class DescriptorConnection(SerialConnection):
     def has_carrier(self) -> bool | None:
         with contextlib.suppress(*SERIAL_ERRORS, AttributeError):
             return bool(self._device.cd)
-        return None  # a pseudo-terminal has no such line
+        return None  # a pseudo-terminal has no carrier
 
     def set_line(self, name: str, on: bool) -> None:
         set_attribute(self._device, name, on)

@@ -107,7 +107,7 @@ def _check_side(given: Mapping[str, str], known: tuple[str, ...], what: str) -> 
 def client_context(given: Mapping[str, str]) -> ssl.SSLContext:
     """Return the TLS context of a client. Raises OSError, with the name of a file that cannot be used."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
-    context.hostname_checks_common_name = False  # the alternative names alone say whose certificate it is
+    context.hostname_checks_common_name = False  # only the alternative names identify the host
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     if "ca" in given:
         _trust(context, given["ca"])
@@ -288,7 +288,7 @@ class TlsListener(NetworkListener):
             handshake = loop.create_task(self._shake_hands(connected, f"{bracketed(host)}:{address[1]}"))
             self._handshakes[handshake] = host
             handshake.add_done_callback(partial(self._ended, connected))
-            await asyncio.sleep(0)  # a connection that waits is there at once: else none of the others would go on
+            await asyncio.sleep(0)  # otherwise waiting connections would hold up the loop
 
     def _make_room(self, host: str) -> None:
         """Cancel the oldest handshake if there are too many: idle connections must not block others."""

@@ -512,7 +512,7 @@ class _SequenceChecker:
             reached.add(name)
             ahead.extend(self._targets(by_name[name]))
         for step in self.sequence.steps:
-            if step.name not in reached and not self.leads_astray:  # else some step is meant that is not known
+            if step.name not in reached and not self.leads_astray:  # a misspelt name may mean it
                 self._note(step.at, f"step '{step.name}' is never reached", "lead to it with then:, or drop it")
 
     def _circles(self) -> None:

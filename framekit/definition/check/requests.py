@@ -382,7 +382,7 @@ def check_unserved(protocol: Protocol) -> Iterator[Problem]:
         earlier = above.setdefault(row.request.frame, [])
         for one in earlier:
             alike = _Alike(protocol)
-            if _takes_all(alike, one, row):  # the first that does answers
+            if _takes_all(alike, one, row):  # the first matching row answers
                 if not alike.same or _told(one) != _told(row):
                     what = f"a server never comes to this row of {row.service}: it reads every '{row.request.frame}' "
                     where = "" if one.at.file == row.at.file else f" of {Path(one.at.file).name}"

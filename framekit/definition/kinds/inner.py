@@ -54,7 +54,7 @@ class Inner(Segment):
             segments = of_frame(name)
             if segments is None:
                 return EVERY_BYTE
-            # none of them stands inside itself
+            # frames of this segment inside themselves are not followed
             found |= contents_of(segments, lambda inside: None if inside in self.frames else of_frame(inside))
         return found
 

@@ -399,7 +399,7 @@ class FrameLoader:
         self.groups: dict[str, tuple[Namespace, Owned]] = {}
         self.frames: dict[str, Frame] = {}
         self.missing = MissingSegments(self.reader)
-        self.levels: dict[tuple[Position, int, int], str] = {}  # the frames of layouts that stand in themselves
+        self.levels: dict[tuple[Position, int, int], str] = {}  # frames of layouts that contain themselves
         self._outline(space, inner_only=False)
 
     # ---- names first --------------------------------------------------------------------------------------

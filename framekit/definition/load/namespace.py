@@ -171,7 +171,7 @@ class Namespace:
         return self._sections[key]
 
     def elsewhere(self, name: str) -> tuple[str, Namespace] | None:
-        """For `FILE.name`, return the name and its namespace, of a used file or of this definition's application; else
+        """Return name and namespace for `FILE.name`: of a used file or of this definition's application; else
         None.
         """
         prefix, dot, rest = name.partition(".")
