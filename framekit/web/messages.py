@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Awaitable, Callable, Iterator, Mapping
 from typing import Any, Protocol
 
+from framekit.definition.problems import visible
 from framekit.web.access import Access
 
 LONGEST_TEXT = 300
@@ -17,6 +20,26 @@ Message = dict[str, Any]
 Told = Mapping[str, Any]
 Actions = Mapping[str, Callable[[Any, Told], Message | Awaitable[Message] | None]]
 """Requests of a browser: the action for each first key of a message."""
+
+
+_ESCAPES = re.compile(r"\\u(?P<pair>d[89ab]..\\ud[c-f]..)|\\u(?P<sign>....)|\\.")
+
+
+def as_text(message: Message) -> str:
+    """Return a message as JSON whose texts have their invisible characters as escapes: texts of devices among them.
+
+    A browser would obey bidirectional marks and show other words than the device sent.
+    """
+    text = json.dumps(message, allow_nan=False, separators=(",", ":"))
+    return _ESCAPES.sub(_visible_escape, text) if "\\u" in text else text
+
+
+def _visible_escape(escape: re.Match[str]) -> str:
+    if escape["sign"] is None:
+        return escape[0]
+    sign = chr(int(escape["sign"], 16))
+    shown = visible(sign)
+    return escape[0] if shown == sign else json.dumps(shown)[1:-1]
 
 
 class PageSession(Protocol):

@@ -28,7 +28,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from framekit.transport.network import bracketed
 from framekit.transport.network import listening_at as listening_at
 from framekit.web.access import HEADERS, Access, is_known_host, is_own_origin
-from framekit.web.messages import PageBoard, PageSession
+from framekit.web.messages import PageBoard, PageSession, as_text
 from framekit.web.patience import ImpatientProtocol
 
 log = logging.getLogger(__name__)
@@ -180,7 +180,7 @@ class Browser:
 
     async def _send(self, message: dict[str, Any]) -> None:
         async with asyncio.timeout(LONGEST_SEND):
-            await self.socket.send_text(json.dumps(message, allow_nan=False, separators=(",", ":")))
+            await self.socket.send_text(as_text(message))
 
 
 class _Uvicorn(uvicorn.Server):

@@ -13,6 +13,24 @@ from pymodbus.client import ModbusTcpClient
 
 import framekit
 
+LEVEL = """
+protocol: level
+station: {type: none}
+line: {kind: stream, tcp: 4000}
+state: {level: {scope: device, type: u8, publish: yes}}
+extends: standard
+groups: {request: {from: client, head: [{const: 02}]}}
+frames:
+  SET:  {group: request, body: [{field: level, type: u8}]}
+  DONE: {from: server, body: [{const: 06}]}
+services:
+  set:
+    - takes: {level: {type: number}}
+      request: {SET: {level: level}}
+      serve: {set: {level: request.level}}
+      reply: {DONE: {}}
+"""
+
 
 def test_a_protocol_on_tcp_under_two_clients() -> None:
     with framekit.serve("modbus-tcp", "tcp://127.0.0.1:0", station=1, initial={"40001": [1, 2, 3]}) as device:
@@ -244,3 +262,18 @@ def test_a_frame_may_be_called_reply(tmp_path: Path) -> None:
     device.write_text("device: named\nprotocol: named\n", encoding="utf-8")
     with framekit.connect(str(tmp_path / "named.yaml"), f"sim:{device}") as client:
         assert client.call("ping", {"n": 4})["m"] == 5
+
+
+def test_the_published_state_stays_after_the_last_connection(tmp_path: Path) -> None:
+    path = tmp_path / "level.yaml"
+    path.write_text(LEVEL, encoding="utf-8")
+
+    async def published_after(level: int) -> object:
+        async with framekit.aserve(str(path), "tcp://127.0.0.1:0") as server:
+            async with framekit.aconnect(str(path), server.port) as client:
+                await client.call("set", {"level": level})
+            while server._opened().connected:
+                await asyncio.sleep(0)
+            return [one.status for one in server.status()]
+
+    assert asyncio.run(asyncio.wait_for(published_after(9), 180)) == [{"level": 9}]

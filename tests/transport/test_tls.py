@@ -36,6 +36,7 @@ class Certificates:
         here = ("127.0.0.1", "localhost")
         self.server, self.key = plant.issue("server", hosts=here)
         self.elsewhere = plant.issue("elsewhere", hosts=("plc-7.example",))
+        self.by_address = plant.issue("plc-9.example", hosts=("127.0.0.1",))
         self.old = plant.issue("old", hosts=here, until=NOW - DAY)
         self.client, self.client_key = plant.issue("client")
         self.foreign, self.foreign_key = stranger.issue("foreign", hosts=here)
@@ -115,6 +116,19 @@ def test_a_name_is_checked_and_can_be_another_one_than_the_host(files: Certifica
         await opened(port)
         (await accepted.get()).close()
         port.close()
+        listener.stop()
+
+    run(check())
+
+
+def test_the_common_name_of_a_certificate_proves_no_host(files: Certificates) -> None:
+    """Only the alternative names count, also where they hold an address and no name."""
+
+    async def check() -> None:
+        listener, _ = await listener_with(files.listening(cert=files.by_address))
+        assert "certificate is not valid for 'plc-9.example'" in await refusal(
+            listener, f"?ca={files.ca}&name=plc-9.example"
+        )
         listener.stop()
 
     run(check())

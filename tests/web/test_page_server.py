@@ -139,6 +139,26 @@ def test_wrong_tokens_end_the_connection(app: PageApp, monkeypatch: pytest.Monke
             there.receive_json()
 
 
+class Noted:
+    """The socket of a browser that notes what it is sent."""
+
+    def __init__(self) -> None:
+        self.texts: list[str] = []
+
+    async def send_text(self, text: str) -> None:
+        self.texts.append(text)
+
+
+def test_texts_of_devices_have_their_marks_as_escapes(page: Page) -> None:
+    texts = {"a\u202ebc\u2066": ["\u200f", "\x1b[2J", "\ud800", {"b": "line\nend\ttab"}, "😀 é \\u202e", None, 1.5]}
+    socket = Noted()
+    browser = server_module.Browser(socket, page.session(), "test:1")  # type: ignore[arg-type]
+    asyncio.run(browser._send(texts))
+    assert json.loads(socket.texts[0]) == {
+        r"a\u202ebc\u2066": [r"\u200f", r"\x1b[2J", r"\ud800", {"b": "line\nend\ttab"}, "😀 é \\u202e", None, 1.5]
+    }
+
+
 class Stuck:
     """The socket of a browser that takes nothing."""
 
