@@ -147,13 +147,19 @@ class LineSettings:
 
     type: Interface | None = None
     half_duplex: bool = False
-    echo: bool = False
+    echo: bool | None = None
+    """Whether the port hears what it sends, and the echo has to be removed; None: unknown."""
     direction: Direction | None = None
     handshake: Handshake = "none"
     connect_within: int | None = None
     reconnect: int | None = None
     modem: Modem | None = None
     listen_only: bool = False
+
+    @property
+    def may_hear_itself(self) -> bool:
+        """Whether the client may hear an echo of its frames: the settings do not exclude it."""
+        return self.echo is None and self.type not in ("rs232", "rs422")
 
 
 PLAIN = LineSettings()

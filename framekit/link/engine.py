@@ -36,6 +36,7 @@ from framekit.link.events import (
 )
 from framekit.link.frame_table import ProtocolCodec
 from framekit.link.lanes import Lanes
+from framekit.link.own_echo import OWN_ECHO, EchoState, OwnEcho, Prove
 from framekit.link.receiver import Receiver
 from framekit.link.reception import OnFrame, Reception
 from framekit.link.scope import DEFAULT_START, DeviceState, Scope
@@ -60,7 +61,6 @@ SILENT = State.SILENT
 MOST_ROUNDS = 100_000
 """So many things that follow from one event, and no byte is used meanwhile, are a circle that no lane alone makes."""
 
-OWN_ECHO = "you hear your own request: set `echo: yes`"
 
 LATE = "late: the reply to a request that is over"
 
@@ -82,6 +82,9 @@ class Engine:
     Raises ParameterError for parameters that do not fit and KeyError for an unknown role. No other method raises:
     failures are reported by outcomes and to the monitor.
     """
+
+    prove: Prove
+    """Set by the client of the engine."""
 
     def __init__(
         self,
@@ -153,12 +156,28 @@ class Engine:
         self.receiver.reset()
         self.receiver.hear_marks(self._hears_marks)
         self.late.forget()
+        self._forget_echo()
         self.output.is_open = True
         self.was_closed = False
         self.machine.show("open")
         self.output.poll()
         self.lanes.stir_all()
         return self._finish()
+
+    def _forget_echo(self) -> None:
+        echo = self.machine.own_echo
+        echo.forget()
+        self.machine.echo = None if echo.state is EchoState.ABSENT else echo
+
+    @property
+    def own_echo(self) -> OwnEcho:
+        """The echo of the line, as far as it is known."""
+        return self.machine.own_echo
+
+    def examine_replies(self, has_exact_times: bool) -> None:
+        """Examine replies that equal their request from now on: the line may have an echo (`OwnEcho`)."""
+        self.machine.own_echo = OwnEcho(EchoState.UNKNOWN, has_exact_times)
+        self._forget_echo()
 
     def hear_marks(self) -> None:
         """Note, before the port opens, that it reports the ninth bits of characters."""
@@ -537,6 +556,8 @@ class Engine:
             sent = run.top.x.last_sent if run.state is RECEIVING and run.top.x.checks_echo else None
             if sent is not None and sent.raw == value.raw:
                 run.cause, found = OWN_ECHO, True  # if no reply follows
+                if self.own_echo.heard(run):
+                    self.machine.echo = self.own_echo
         return found
 
     def _handled_as_other(self, value: FrameValue) -> bool:

@@ -13,9 +13,10 @@ from framekit.definition.model.procedure import Lane
 from framekit.definition.times import NEVER
 from framekit.link.arrivals import BadFrame
 from framekit.link.events import Exchange, Outcome, Reopen
+from framekit.link.own_echo import EchoState, Suspicion
 from framekit.link.reception import Reception
 from framekit.link.sequences.runtime import Machine
-from framekit.link.sequences.state import Bad, Item, LaneState, Run, State
+from framekit.link.sequences.state import Bad, Item, LaneState, Level, Run, State
 from framekit.link.values import FrameValue
 
 HOLD = 100_000_000
@@ -187,7 +188,7 @@ class Lanes:
                 x = level.x
                 if x.checks_echo and not machine.table.repeats(value, x.asked, x.last_sent, x.names):
                     continue
-                if machine.go(run, level, value):
+                if machine.go(run, level, value) if machine.echo is None else self._go_examined(run, level, value):
                     return True
                 caller = level.caller
                 while caller is not None:
@@ -195,6 +196,21 @@ class Lanes:
                         return True
                     caller = caller.caller
         return False
+
+    def _go_examined(self, run: Run, level: Level, value: FrameValue) -> bool:
+        """Do as `go`, but for the echo of the request of a run; note a reply that may be an echo."""
+        machine, x = self.machine, level.x
+        echo = machine.own_echo
+        if not x.checks_echo:
+            return machine.go(run, level, value)
+        if echo.takes(run, x, value) or not machine.go(run, level, value):
+            return False
+        machine.suspected = x if echo.suspects() else None
+        if machine.suspected is not None and run.state is DONE and run.exchange is x:
+            run.exchange = Suspicion(x)
+        if echo.state is EchoState.ABSENT:
+            machine.echo = None
+        return True
 
     def offer_queues(self) -> None:
         """Let a row go on that waits for an item of a queue or for room in it; others may follow."""

@@ -462,7 +462,7 @@ class LineLoader:
         settings = LineSettings(
             type=kind,  # type: ignore[arg-type]  # the schema knows them
             half_duplex=(self._word("duplex", ("half", "full")) or ("half" if kind == "rs485" else "full")) == "half",
-            echo=reader.tried(reader.flag, keys.get("echo")) or False,
+            echo=None if (echo := keys.get("echo")) is None else reader.tried(reader.flag, echo),
             direction=reader.tried(self._direction, keys.get("direction")),
             handshake=self._word("handshake", get_args(Handshake)) or "none",  # type: ignore[arg-type]
             connect_within=reader.tried(partial(self._time, "connect_timeout"), keys.get("connect_timeout")),

@@ -29,7 +29,7 @@ from framekit.run.transfer import BlockStarts, BlockTransfers, Ended, Read, neig
 from framekit.service.device import DeviceService, ListeningPort, devices_of, port_for
 from framekit.service.driver import Driver, Moment
 from framekit.service.written import NamedMemory, NamedServer, begun_log, client_of
-from framekit.transport.clock import Clock
+from framekit.transport.clock import AsyncioClock, Clock
 from framekit.transport.port import Port
 
 log = logging.getLogger(__name__)
@@ -141,6 +141,13 @@ class ChannelService:
         )
         self.engine.on_bad = self._bad
         self.engine.late.slow.on_change = partial(owner.slow, channel.number)
+        if (
+            channel.asks
+            and channel.wiring.may_hear_itself
+            and protocol.line.kind == "serial"
+            and port.settings is not None
+        ):
+            self.engine.examine_replies(has_exact_times=not isinstance(clock, AsyncioClock))
         self.driver = Driver(self.engine, port, clock, self._on_state, moment)
         self.receive_for(receiving)
         self.client = client = Client(protocol, codec, self.engine) if protocol.services else None

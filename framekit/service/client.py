@@ -23,7 +23,7 @@ from framekit.memory.memory import DeviceMemory
 from framekit.run.own_memory import AddressedMemory
 from framekit.runfile.devices import memory_of
 from framekit.service.driver import Driver
-from framekit.transport.clock import Clock
+from framekit.transport.clock import AsyncioClock, Clock
 from framekit.transport.port import Port
 
 log = logging.getLogger(__name__)
@@ -83,6 +83,8 @@ class ClientService:
             is_stream=port.is_stream,
         )
         engine.late.slow.on_change = self._slow
+        if protocol.line.kind == "serial" and port.settings is not None:
+            engine.examine_replies(has_exact_times=not isinstance(clock, AsyncioClock))
         self.client = Client(protocol, codec, engine)
         self.driver = Driver(engine, port, clock, self._state)
         self._sending: list[Callable[[bool], None]] = []

@@ -33,6 +33,7 @@ from framekit.link.events import (
 from framekit.link.frame_table import FrameInfo, FrameTable, announce
 from framekit.link.late import LateReplies, fresh, missed
 from framekit.link.output import Output
+from framekit.link.own_echo import OwnEcho
 from framekit.link.receiver import Receiver
 from framekit.link.scope import LinkFunctions, Scope, with_date
 from framekit.link.sequences.state import (
@@ -155,6 +156,11 @@ class Machine:
         """Whether sequences change fields of frames, so that each exchange has to have a request of its own."""
         self.output = Output(protocol.line, scope, [], is_stream)
         self.late = LateReplies(protocol, scope, self.table)
+        self.own_echo = OwnEcho()
+        self.echo: OwnEcho | None = None
+        """`own_echo` while replies that equal their request are examined."""
+        self.suspected: Exchange | None = None
+        """The exchange whose last reply equals its request, and may be an own echo."""
         self.queues = Queues(protocol)
         self.session = SessionState(session, scope)
         self.last_frame = scope.now
@@ -454,6 +460,8 @@ class Machine:
             try:
                 if isinstance(result, Outcome):
                     x.ended(result)
+                elif self.suspected is x:
+                    x.suspected(result)
                 else:
                     x.succeeded(result)
             finally:

@@ -7,9 +7,10 @@ only on its arguments and settings is planned once. The client repeats no reques
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
+from itertools import islice
 from typing import Any, Protocol
 
 from framekit.codec.shown import explain
@@ -19,6 +20,7 @@ from framekit.definition.model.values import FrameOf, LayoutOf
 from framekit.link.addresses import Address
 from framekit.link.events import Asked, Command, Exchange, Outcome
 from framekit.link.frame_table import FrameTable, ProtocolCodec
+from framekit.link.own_echo import CAUSES, UNPROVED, EchoState, OwnEcho, Prove
 from framekit.link.packing import cut_memory, in_unit, join_memory, memory_of, reader_of
 from framekit.link.scope import Scope
 from framekit.link.services.replies import ErrorReader, ReadPieces, ReplyReader, ReplyRefusal
@@ -27,6 +29,9 @@ from framekit.link.values import EACH, EVALUATION_ERRORS, Evaluate, FrameValue, 
 from framekit.memory.memory import unit_bits
 
 __all__ = ["Client", "Done", "ServiceError", "TransferResult"]
+
+MOST_PROOFS = 4
+"""Upper limit of the reads that prove a suspected reply."""
 
 MOST_KEPT = 1024
 """The most reads that are kept; then all of them are dropped, since no program repeats so many."""
@@ -41,6 +46,12 @@ class Starts(Protocol):
     @property
     def need_names(self) -> Collection[str]:
         """Return the frames that are built on names of an exchange."""
+
+    @property
+    def own_echo(self) -> OwnEcho: ...
+
+    prove: Prove
+    """Set by the client."""
 
     def start(self, exchange: Exchange, now: int) -> list[Command]: ...
 
@@ -452,6 +463,17 @@ class Transfer(Exchange):
             if not self._going:
                 self._go(self._engine.scope.now)
 
+    def suspected(self, results: dict[str, Any]) -> None:
+        """Have it proved that the reply is no echo of the request, then read it."""
+        self._engine.prove(self._plan.exchanges[self._next - 1], partial(self._proved, results))
+
+    def _proved(self, results: dict[str, Any], cause: str) -> None:
+        """Believe the suspected reply, or end without a reply; `cause` is why it is not believed."""
+        if cause:
+            self._end(TransferResult(False, outcome="no_reply", cause=cause), None, b"", b"")
+        else:
+            self.succeeded(results)
+
     def brought(self, data: bytes, reply: FrameValue | None, buffer: bytes, done: Done) -> None:
         """Report the data of one place that a single exchange has read; they have the size that was requested."""
         numbers, taken = self._plan.numbers, self.taken
@@ -482,6 +504,16 @@ class Transfer(Exchange):
         done(result)
 
 
+class Proof(Transfer):
+    """A read that proves whether the line has an echo: its own reply need not be proved."""
+
+    __slots__ = ()
+
+    def suspected(self, results: dict[str, Any]) -> None:
+        """Read the reply."""
+        self.succeeded(results)
+
+
 def _refused(refusal: ReplyRefusal, outcome: str, cause: str) -> TransferResult:
     return TransferResult(False, outcome=outcome, cause=cause, code=refusal.code, meaning=refusal.meaning)
 
@@ -501,6 +533,7 @@ class Client:
 
     def __init__(self, protocol: model.Protocol, codec: ProtocolCodec, engine: Starts) -> None:
         self.engine = engine
+        engine.prove = self.prove
         self.shared = rows_of(protocol, codec)
         self.planner = Planner(self.shared)
         self.grammar = self.shared.grammar.naming(lambda address: self.planner.serves(address, self._names(None, None)))
@@ -576,6 +609,47 @@ class Client:
             pieces.append(Piece(place, elements, self._data(place, unit, [value])))
         plans = self.planner.plan_list("write", pieces, names)
         return Transfer(self._planned(plans, [], names), self.engine, now, on_done)
+
+    # ---- replies that may be an own echo ------------------------------------------------------------------
+
+    def prove(self, suspected: Prepared, done: Callable[[str], None]) -> None:
+        """Read other places until a reply comes that is not equal to its request: it proves that the line has no echo.
+
+        Report by `done` why the reply to the suspected exchange is not believed; '' if it is.
+        """
+        self._prove_by(islice(self._proofs(suspected), MOST_PROOFS), done)
+
+    def _prove_by(self, reads: Iterator[TransferPlan], done: Callable[[str], None]) -> None:
+        """Carry out the next of these reads, and the others if it proves nothing."""
+        plan = next(reads, None)
+        if plan is None:
+            done(UNPROVED)
+            return
+
+        def ended(result: TransferResult) -> None:
+            state = self.engine.own_echo.state
+            if state is EchoState.UNKNOWN and result.ok:
+                self._prove_by(reads, done)
+            else:
+                done(CAUSES[state])
+
+        Proof(plan, self.engine, self.engine.scope.now, ended)
+
+    def _proofs(self, suspected: Prepared) -> Iterator[TransferPlan]:
+        """Plan reads of the place that was written, of its neighbours, and of the beginning of each area."""
+        pieces = suspected.pieces
+        places = [piece.address for piece in pieces if piece.data is not None]
+        places += [Address(at.area, at.unit, at.start + 1, parts=at.parts) for at in (one.address for one in pieces)]
+        places += [Address(name, area.unit, 0) for name, area in self.grammar.areas.items()]
+        for place in places:
+            try:
+                plan = self.planned_read((place, None, 1, suspected.station), suspected.params)
+            except ValueError:  # this place cannot be read
+                continue
+            exchanges = [replace(one, inside=suspected.inside) for one in plan.exchanges]
+            yield TransferPlan(plan.plans, exchanges, plan.wanted)
+
+    # ---- names and places ---------------------------------------------------------------------------------
 
     def _names(self, station: Any, params: Mapping[str, Any] | None) -> Names:
         """Return the names of a request. Raises ParameterError for a parameter that does not fit."""
