@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-TRANSFERS = [100, pytest.param(1000, marks=pytest.mark.long)]
+TRANSFERS = [100, pytest.param(300, marks=pytest.mark.long)]
 """So many transfers of all sizes."""
 
 LARGE = {"df1", "pccc", "snp", "srtp"}

@@ -14,7 +14,7 @@ from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock
 
 SECOND = 1_000_000_000
-CHANNELS = BLOCKS = 8
+CHANNELS, BLOCKS = 2, 8
 DEAD = 3
 """Block 3 of every channel asks a station of its own; on channel 1 nobody is there."""
 

@@ -15,7 +15,7 @@ from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock
 
 SECOND = 1_000_000_000
-SECONDS = 20
+SECONDS = 6
 BLOCKS = 8
 """So many blocks has a channel."""
 

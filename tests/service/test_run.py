@@ -115,9 +115,9 @@ def test_stop_in_the_middle_of_an_exchange(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_an_hour_of_polling_counts_every_exchange(tmp_path: Path) -> None:
+def test_ten_minutes_of_polling_count_every_exchange(tmp_path: Path) -> None:
     bench = Bench(write(tmp_path, r_run=SILENT.replace("every: 100 ms", "every: 2 s"), there_device=THERE))
-    for _ in range(60):
+    for _ in range(10):
         bench.run_for(60 * SECOND)
-    assert bench.counters(0)[0] == 3600
-    assert bench.counters(1) == (1800, 1799, 0) or bench.counters(1) == (1800, 1800, 0)
+    assert bench.counters(0)[0] == 600
+    assert bench.counters(1) == (300, 299, 0) or bench.counters(1) == (300, 300, 0)

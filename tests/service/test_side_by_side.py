@@ -11,7 +11,7 @@ from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock
 
 RUN = Path(__file__).parents[2] / "examples" / "side-by-side" / "side-by-side.run.yaml"
-SECONDS = 30
+SECONDS = 6
 
 
 @pytest.mark.long

@@ -231,7 +231,7 @@ while True:
 def test_killed_at_any_time_the_last_committed_state_is_there(tmp_path: Path) -> None:
     path = tmp_path / "s"
     last = 0
-    for turn in range(6):
+    for turn in range(4):
         writer = subprocess.Popen([sys.executable, "-c", WRITER, str(path)], stdout=subprocess.PIPE, text=True)
         assert writer.stdout is not None
         for _ in range(1 + 14 * turn):

@@ -74,15 +74,19 @@ class World(FaultWorld):
         self.clock.run_for(round(len(data) * self.line.character_time) + pause)
 
     def strays(self) -> list[bytes]:
-        """Each byte alone, and all that a frame of the client can break off to."""
+        """Each byte alone, and all that a frame of the client can break off to; of both every fourth, each protocol
+        others, and all that `some_strays` has."""
         pieces = {data[:size] for data in self.sent for size in range(2, len(data))}
-        return [*(bytes([byte]) for byte in range(256)), *sorted(pieces)]
+        every = [*(bytes([byte]) for byte in range(256)), *sorted(pieces)]
+        first = ALL.index(self.link) % 4
+        return sorted({*every[first::4], *self.some_strays()})
 
     def some_strays(self) -> list[bytes]:
         """Bytes that frames begin or end with and some others, and what the first bytes of a frame break off to."""
         ends = {byte for data in self.sent for byte in (*data[:2], data[-1])}
-        pieces = {data[:size] for data in self.sent for size in (2, 3, 5, 8, len(data) // 2, len(data) - 1) if size > 1}
-        return [*(bytes([byte]) for byte in sorted(ends | {*range(0, 256, 8), *range(8)})), *sorted(pieces)]
+        pieces = {data[:size] for data in self.sent for size in (2, 3, 5, 8, len(data) // 2, len(data) - 1)}
+        pieces = {piece for piece in pieces if len(piece) > 1} - {*self.sent}
+        return [*(bytes([byte]) for byte in sorted(ends | {*range(0, 256, 32)})), *sorted(pieces)]
 
 
 def test_every_server_is_tried() -> None:
