@@ -42,6 +42,7 @@ _HEX_LINE = re.compile(
     r"(?:(?P<way>>|<|->|<-|→|←|out|in|tx|rx)\s*:?\s+)?(?P<bytes>(?:[0-9a-f]{2}[\s,:]*)+)",
     re.IGNORECASE,
 )
+_LIKE_HEX = re.compile(r"[0-9a-fxh\s,:;.<>→←\\-]+|(?:out|in|tx|rx).*", re.IGNORECASE)
 _WAYS: dict[str, Direction] = {
     ">": "out", "->": "out", "→": "out", "out": "out", "tx": "out",
     "<": "in", "<-": "in", "←": "in", "in": "in", "rx": "in",
@@ -56,7 +57,8 @@ def heard(path: Path) -> list[HeardBytes]:
     """Return the bytes of a file, in order. Raises HeardError.
 
     Captures of framekit (pcap and JSON lines), pcap files of TCP and UDP (needs dpkt), else hex text: a line for the
-    bytes that arrived together, preceded by a time in seconds, if known, and by `>` or `<` for the direction.
+    bytes that arrived together, preceded by a time in seconds, if known, and by `>` or `<` for the direction. Any other
+    file holds the bytes themselves, without times and directions.
     """
     try:
         with path.open("rb") as file:
@@ -67,7 +69,20 @@ def heard(path: Path) -> list[HeardBytes]:
         raise HeardError(f"{path} has more than {LARGEST >> 20} MiB – cut a part out")
     if head[:1] == b"{" or head[:4] in _PCAPS:
         return _of_capture(path, head)
-    return _of_text(path, head)
+    text = _hex_text(head)
+    return [HeardBytes(None, "", head)] if text is None else _of_text(path, text)
+
+
+def _hex_text(head: bytes) -> str | None:
+    """Return the content of a file if it is meant as hex text: one line is, or it has no other characters."""
+    try:
+        text = head.decode("utf-8")
+    except UnicodeDecodeError:
+        return None
+    lines = [line for part in text.splitlines() if (line := part.partition("#")[0].strip())]
+    if not lines or any(map(_HEX_LINE.fullmatch, lines)) or all(map(_LIKE_HEX.fullmatch, lines)):
+        return text
+    return None
 
 
 _PCAPS = {bytes.fromhex(magic) for magic in ("a1b2c3d4", "d4c3b2a1", "a1b23c4d", "4d3cb2a1", "0a0d0d0a")}
@@ -87,11 +102,7 @@ def _of_capture(path: Path, head: bytes) -> list[HeardBytes]:
     return chunks_of_pcap(path)
 
 
-def _of_text(path: Path, head: bytes) -> list[HeardBytes]:
-    try:
-        text = head.decode("utf-8")
-    except UnicodeDecodeError:
-        raise HeardError(f"{path} is no capture and no text – write hex digits, a line for each frame") from None
+def _of_text(path: Path, text: str) -> list[HeardBytes]:
     found = []
     for number, line in enumerate(text.splitlines(), 1):
         line = line.partition("#")[0].strip()

@@ -373,6 +373,22 @@ def _is_copy(cuts: Sequence[CountedBytes], share: float) -> bool:
     return False
 
 
+def _exclusive_or(place: CheckPlace, frames: Sequence[bytes]) -> Iterator[CheckGuess]:
+    """Yield the exclusive or of eight bits, over the range that needs no constant; else over the range of `place`."""
+    method = ready_methods()["xor8"]
+    starts = dict.fromkeys((place.start, *range(LARGEST_START + 1)))
+    ranges = [replace(place, start=start, stop=stop) for start in starts for stop in dict.fromkeys((place.stop, 0, 1))]
+    found: list[CheckGuess] = []
+    for one in ranges:
+        cuts = _cuts(one, frames)
+        if len(cuts) < max(4, NEARLY * len(frames)):
+            continue
+        constant, held = _mode(cuts, method, False, "", 0xFF)
+        if held >= MOST * len(frames):
+            found += _simple_guess(one, cuts, method, constant, "", held, len(frames))
+    yield from [one for one in found if one.name][:1] or found[:1]
+
+
 # ---- CRCs -------------------------------------------------------------------------------------------------------
 
 
@@ -490,6 +506,9 @@ def _by_algebra(place: CheckPlace, frames: Sequence[bytes]) -> Iterator[CheckGue
                 if poly in tried:
                     continue
                 tried.add(poly)
+                if poly == 1 and width == 8:  # a CRC with this polynomial is the exclusive or of the bytes
+                    yield from _exclusive_or(place, frames)
+                    continue
                 family = Family(width, poly, mirrored, mirrored)
                 yield from _with_start(place, cuts, family, len(frames))
             if len(pairs) < 12:

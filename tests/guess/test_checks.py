@@ -163,3 +163,22 @@ def others(kind: str, rng: random.Random) -> list[bytes]:
 @pytest.mark.parametrize("kind", ["random", "counters", "constant", "text", "two numbers", "a value twice"])
 def test_nothing_is_said_where_there_is_no_check(kind: str) -> None:
     assert [find_checks(others(kind, random.Random(seed))) for seed in range(8)] == [[]] * 8
+
+
+@pytest.mark.parametrize("start", [b"$", b"!"])
+def test_the_exclusive_or_between_a_mark_and_an_asterisk_is_found_with_few_codes(start: bytes) -> None:
+    """Sentences as NMEA has them, whose codes have few values: a CRC with the polynomial 1 says the same, and less."""
+    frames = []
+    for number in range(40):
+        body = f"WIMWV,{number * 9 % 360:03d}.0,R,{number % 20:04.1f},N,A".encode()
+        code = compute(ready_methods()["xor8"], body)
+        frames.append(start + body + f"*{code:02X}\r\n".encode())
+    assert len({frame[-4:-2] for frame in frames}) < 20
+    (found, *_) = find_checks(frames, 1, 2)
+    assert (found.name, found.place.start, found.place.stop, found.place.form, found.place.tail) == (
+        "xor8",
+        1,
+        1,
+        "hex",
+        2,
+    )

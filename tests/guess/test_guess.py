@@ -120,9 +120,16 @@ def test_hex_text_is_read(tmp_path: Path) -> None:
     path.write_text("01 03\n01 0G\n", "utf-8")
     with pytest.raises(HeardError, match=r"heard.txt:2:1: this is no line of hex digits"):
         heard(path)
-    path.write_bytes(b"\xff\xfe\0")
-    with pytest.raises(HeardError, match="is no capture and no text"):
+    path.write_text("0x01 0x03\n", "utf-8")
+    with pytest.raises(HeardError, match=r"heard.txt:1:1: this is no line of hex digits"):
         heard(path)
+
+
+@pytest.mark.parametrize("data", [b"\xff\xfe\0", b"\x7e\1\2\x7e", b"$GPGLL,4916.45,N*31\r\n$GPGLL,4916.46,N*32\r\n"])
+def test_a_file_of_bytes_is_read(tmp_path: Path, data: bytes) -> None:
+    path = tmp_path / "heard.bin"
+    path.write_bytes(data)
+    assert heard(path) == [HeardBytes(None, "", data)]
 
 
 def test_connections_of_a_pcap_file_are_read(tmp_path: Path) -> None:
