@@ -93,8 +93,8 @@ def announce(announces: Announcements, value: FrameValue, scope: Scope) -> None:
 
 
 NO_VALUES: Mapping[str, Any] = {}
-EchoTest = tuple[Callable[..., bool] | None, tuple[str, ...]]
-"""Compares the fields that a reply repeats (None: none); the fields with frames inside."""
+EchoTest = Callable[..., bool]
+"""Compares the fields that a reply repeats, and calls the tests of the frames inside."""
 
 
 def _never(*_: Any) -> bool:
@@ -107,17 +107,12 @@ SINGLE = (Field, Data, Length, Count, Check, Const, Bits, Inner)
 
 @lru_cache(1024)
 def _test_of(condition: str) -> Callable[..., bool]:
-    """Return the function that tests a condition on a reply's `fields`, the pending request and the sent frame."""
-    test: Callable[..., bool] = eval(f"lambda fields, asked, sent: {condition}", {"__builtins__": {}})
+    """Return a function that tests a condition on a reply's `fields`, the pending request and the sent frame.
+
+    Its last argument has the tests of the frames inside, by their names.
+    """
+    test: Callable[..., bool] = eval(f"lambda fields, asked, sent, known: {condition}", {"__builtins__": {}})
     return test
-
-
-def _passes(inner: Any, known: Mapping[str, EchoTest], asked: FrameValue | None, sent: FrameValue | None) -> bool:
-    """Return whether a frame inside a reply passes its test. Raises KeyError and AttributeError where none decides."""
-    test, inners = known[inner.frame]
-    if test is not None and not test(inner.fields, asked, sent):
-        return False
-    return not inners or all(_passes(inner.fields[name], known, asked, sent) for name in inners)
 
 
 def _mark_inner(
@@ -345,7 +340,7 @@ class FrameTable:
     def __init__(self, protocol: model.Protocol, codec: ProtocolCodec) -> None:
         self.codec = codec
         self._kept: dict[tuple[Any, ...], Any] = {}
-        self._echoes: dict[Any, Any] = {}
+        self._echoes: dict[tuple[str | None, str | None], dict[str, EchoTest]] = {}
         self.infos = {name: FrameInfo(frame, codec.frames[name]) for name, frame in protocol.frames.items()}
         sequences = tuple(protocol.sequences.values())
         taken = {name for row in parts_of(sequences, procedure.Row) for name in row.frames}
@@ -396,12 +391,11 @@ class FrameTable:
                 inner = infos.get(frame)
                 if inner is None:
                     fields[one] = FrameValue(frame, content, None, refuse)
+                elif inner.flat and refuse is None:
+                    value.refusal = own = inner.refuse
+                    fields[one] = FrameValue(frame, content, None, own, inner.value_names)
                 elif inner.flat:
-                    own = inner.refuse if refuse is None else refuse
-                    fields[one] = FrameValue(
-                        frame, content, None, own, inner.value_names if refuse is None else NO_FIELDS
-                    )
-                    value.refusal = own
+                    fields[one] = FrameValue(frame, content, None, refuse)
                 else:
                     fields[one] = made = inner.make(content, None, refuse)
                     value.refusal = made.refusal
@@ -485,14 +479,13 @@ class FrameTable:
             self._mark_inners(info, value, data, names)
         elif inner.built is not None:
             data = info.encode({**fields, name: {"unknown": {"data": inner.built}}}, names)
+        elif inner.raw is not None:
+            data = info.encode({**fields, name: plain(inner)}, names)
         else:
             below = self.infos.get(inner.frame)
-            if inner.raw is None and below is not None and below.flat:
-                data = info.encode({**fields, name: {inner.frame: inner.fields}}, names)
-            else:
-                data = info.encode({**fields, name: plain(inner)}, names)
-            if inner.raw is None:
-                _mark_inner(inner, name, below, info, data, names)
+            given = {inner.frame: inner.fields} if below is not None and below.flat else plain(inner)
+            data = info.encode({**fields, name: given}, names)
+            _mark_inner(inner, name, below, info, data, names)
         value.raw, value.rest = data, (info, data, names, None, NO_VALUES)
         if info.announces:
             value.complete()
@@ -543,17 +536,10 @@ class FrameTable:
         if known is None:
             known = self._echoes[kinds] = {}
         try:
-            test, inners = known[reply.frame]
-            fields = reply.fields
-            if test is not None and not test(fields, asked, sent):
-                return False
-            for name in inners:
-                if not _passes(fields[name], known, asked, sent):
-                    return False
+            return known[reply.frame](reply.fields, asked, sent, known)
         except (KeyError, AttributeError):  # a field is absent, an expression has to be evaluated, or a frame is new
             self._learn(reply, known, kinds)
             return self._repeats(reply, tuple(one for one in (asked, sent) if one is not None), names)
-        return True
 
     def difference(self, reply: FrameValue, requests: Sequence[FrameValue]) -> str:
         """Return the first field that a reply repeats with another value than the request: `station is 8, not 7`."""
@@ -596,19 +582,20 @@ class FrameTable:
         """
         info = self.infos.get(reply)
         if info is None:
-            return _never, ()
+            return _never
         tests: list[str] = []
         found = "{}.field({})" if has_computed else "{}.fields[{}]"
         for field, plain_name, _ in info.echo:
             if plain_name is None:
-                return _never, info.inners
+                return _never
             for word, request in (("asked", asked), ("sent", sent)):
                 if request is not None and plain_name in self.infos[request].value_names:
                     tests.append(f"fields[{quoted(field)}] == {found.format(word, quoted(plain_name))}")
                     break
-        if not tests:
-            return None, info.inners
-        return _test_of(" and ".join(tests)), info.inners
+        for name in info.inners:
+            inner = f"fields[{quoted(name)}]"
+            tests.append(f"known[{inner}.frame]({inner}.fields, asked, sent, known)")
+        return _test_of(" and ".join(tests) or "True")
 
     def _repeats(self, reply: FrameValue, requests: tuple[FrameValue, ...], names: Names) -> bool:
         """Return whether a reply, with the frames inside, repeats the fields of the first request that has them."""

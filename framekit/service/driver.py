@@ -68,9 +68,6 @@ class LineLoad:
         return busy / elapsed if elapsed > 0 else 0.0
 
 
-TIMED = Send, Break
-"""Commands that may have to wait until a time."""
-
 FIRST_RETRY, LONGEST_RETRY = 500_000_000, 30_000_000_000
 
 
@@ -273,22 +270,19 @@ class Driver(PortEvents):
         pending, port = self.pending, self.port
         while pending:
             command = pending.popleft()
-            if isinstance(command, TIMED):
-                if command.not_before and command.not_before > self._now():
-                    pending.appendleft(command)
-                    if self._send_timer is not None:
-                        self._send_timer.cancel()
-                    self._send_timer = self.clock.call_at(command.not_before, self._go_on)
+            if isinstance(command, Send):
+                if command.not_before and self._is_early(command):
                     return
-                if isinstance(command, Break):
-                    port.send_break(command.duration)
-                    continue
                 data = command.data
                 self.load.bytes_out += len(data)
                 if command.marked is not None:
                     port.write_marked(data, command.marked)
                 elif port.write_through(data):  # everything has left: the port will not call `sent`
                     pending.extend(self.engine.sent(self.clock.now()))
+            elif isinstance(command, Break):
+                if self._is_early(command):
+                    return
+                port.send_break(command.duration)
             elif isinstance(command, ChangeLine):
                 port.change_line(command.line)
                 if port.settings is not None:
@@ -298,6 +292,16 @@ class Driver(PortEvents):
             else:
                 port.close()
                 self.closed(self.clock.now(), command.reason)
+
+    def _is_early(self, command: Send | Break) -> bool:
+        """Return whether a command has to wait for its time; if so, it is pending again, and a timer is set."""
+        if command.not_before <= self._now():
+            return False
+        self.pending.appendleft(command)
+        if self._send_timer is not None:
+            self._send_timer.cancel()
+        self._send_timer = self.clock.call_at(command.not_before, self._go_on)
+        return True
 
     def _go_on(self) -> None:
         """Carry out the command whose time has come; then set the alarm anew."""

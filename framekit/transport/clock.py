@@ -300,6 +300,9 @@ MOST = 768
 With the time of the pieces before (`LONGEST`) a turn takes 10 ms where a byte costs 4 µs and the first bad frames 3 ms.
 """
 
+HALF = MOST // 2
+"""Work after which a turn ends with the turn of the loop."""
+
 PIECE = 12
 """Work of a piece in addition to its bytes, however short it is."""
 
@@ -334,10 +337,8 @@ class Turns:
     @property
     def room(self) -> int:
         """Return the size that a piece should have (bytes)."""
-        if self._waiting:
-            return FEWEST
-        is_over = self.now() >= self._until and not self._ends
-        return max(FEWEST, MOST - PIECE - (0 if is_over else self.used))
+        room = MOST - PIECE - self.used
+        return room if room > FEWEST and not self._waiting else FEWEST
 
     def take(self, size: int, callback: Callback) -> bool:
         """Make the call that handles `size` bytes: now (return True), or after the pieces that wait (return False)."""
@@ -347,7 +348,7 @@ class Turns:
             self._end_soon()
             return False
         callback()
-        if self.used > MOST // 2 or self.now() >= self._until:
+        if self.used > HALF or self.now() >= self._until:
             self._end_soon()
         return True
 

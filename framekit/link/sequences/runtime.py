@@ -816,8 +816,9 @@ def serve(m: Machine, run: Run, x: Exchange, request: Any, buffer: bytes, statio
     if type(request) is not FrameValue:
         raise TypeError("only a frame can be served")
     served = m.server.serve(request, buffer, station, check_only, x.names)
-    x.reply, x.reply_buffer, x.refusal = reply, _, refusal = served.reply, served.reply_buffer, served.refusal
-    x.request = request
+    x.request, x.reply_buffer = request, served.reply_buffer
+    x.reply = reply = served.reply
+    x.refusal = refusal = served.refusal
     if not x.checks_echo:
         x.answering = request
     if served.trouble:
@@ -887,8 +888,11 @@ def send_built(
         announce(info.announces, value, m.scope)
     x.last_sent = value
     m.last_frame = m.scope.now
-    if run.owed is not None:
-        m.settle_owed(run, value)
+    if (owed := run.owed) is not None:
+        if owed[0].rest is None:
+            m.settle_owed(run, value)
+        else:
+            run.owed = None
     if m.on_send is not None:
         m.on_send()
     if m.monitor is not None:

@@ -435,8 +435,8 @@ class Transfer(Exchange):
             reply = None
         if type(buffer) is not bytes:
             buffer = b""
-        place = self._next - 1
-        one, request = self._plan.exchanges[place], self._made[place][0]
+        plan, place = self._plan, self._next - 1
+        one, request = plan.exchanges[place], self._made[place][0]
         frame = None if reply is None else reply.frame
         try:
             data = (one.readers.get(frame) or one.reader(frame))(reply, buffer, request)
@@ -447,7 +447,7 @@ class Transfer(Exchange):
         except RefusedReplyError as error:
             self._end(_refused(error.refusal, error.refusal.outcome, ""), reply, self.raw, buffer)
             return
-        if self._plan.is_single:
+        if plan.is_single:
             done, self._done = self._done, _ended  # no reference to itself remains, so it is freed at once
             self.brought(data[0], reply, buffer, done)
             return
@@ -455,7 +455,7 @@ class Transfer(Exchange):
         self._gives = {**self._gives, **gives} if place else gives
         self._written += one.written
         if self._next == len(self._made):
-            result = self._plan.result(self._data)
+            result = plan.result(self._data)
             result.gives = self._gives
             self._end(result, reply, self.raw, buffer)
         else:
