@@ -337,8 +337,10 @@ class Turns:
     @property
     def room(self) -> int:
         """Return the size that a piece should have (bytes)."""
-        room = MOST - PIECE - self.used
-        return room if room > FEWEST and not self._waiting else FEWEST
+        if self._waiting:
+            return FEWEST
+        is_over = self.now() >= self._until and not self._ends
+        return max(FEWEST, MOST - PIECE - (0 if is_over else self.used))
 
     def take(self, size: int, callback: Callback) -> bool:
         """Make the call that handles `size` bytes: now (return True), or after the pieces that wait (return False)."""
