@@ -35,7 +35,7 @@ from framekit.transport.port import Port, PortEvents
 MOST_SERVED_IN_MEMORY = 2055
 MOST_FOR_A_REQUEST = 2190
 MOST_FOR_A_READ = 2680
-MOST_FOR_A_READ_OVER_TCP = 3650
+MOST_FOR_A_READ_OVER_TCP = 3660
 """Measured with Python 3.11, of the exchange with the fewest: clocks call something now and then.
 
 In memory: engine and server alone. A request and a read: with driver and clock. Over TCP: with asyncio too, in turns
