@@ -46,7 +46,6 @@ from framekit.link.quick_look import (
 from framekit.link.scope import Scope
 from framekit.link.values import (
     EVALUATION_ERRORS,
-    NO_FIELDS,
     Evaluate,
     FrameValue,
     Names,
