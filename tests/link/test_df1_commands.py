@@ -121,15 +121,12 @@ def test_status_of_every_family(processor: str, expected: dict[str, Any]) -> Non
     assert {name: status[name] for name in expected} == expected
 
 
-def test_counters_are_read_and_reset() -> None:
-    pair = Pair("slc")
-    pair.state.set("counters", bytes.fromhex("0B00 0500 0600 0100 0200 0300 0900 0400 0000 0700 0100 0800 0A00 0B00"))
-    counters = pair.gives("read_counters")
+def test_counters_are_read_by_name() -> None:
+    octets = "0B00 0500 0600 0100 0200 0300 0900 0400 0000 0700 0100 0800 0A00 0B00"
+    counters = decoded("counter_block", bytes.fromhex(octets), module="slc_df1")
     assert (counters["sent"], counters["received"], counters["duplicates"], counters["modem_lost"]) == (5, 6, 7, 10)
     assert (counters["cts"], counters["rts"], counters["dcd"]) == (1, 1, 1)
     assert counters["normal_last_scan"] == 300_000_000
-    pair.done("reset_counters")
-    assert pair.gives("read_counters")["sent"] == 0
 
 
 # ---- modes and resources ---------------------------------------------------------------------------------------
@@ -480,6 +477,43 @@ def decoded(layout: str, octets: bytes, **params: Any) -> Any:
         ("ka_dh_plus", {"duplicate_nodes": (10, 1), "sent": (23, 2), "active_nodes": (36, 1)}),
         ("ka_dh", {"bad_crc": (12, 1), "sent": (17, 2), "replies_lost": (29, 1)}),
         ("s5_dh_plus", {"undelivered": (4, 1), "node_recoveries": (16, 1), "dead_timeouts": (17, 2)}),
+        ("slc_dh_plus", {"received": (0, 2), "network_dead": (10, 2), "bad_packets": (32, 2), "sdn_received": (62, 2)}),
+        (
+            "plc5_dh_plus",
+            {"sent": (2, 2), "claims_won": (12, 2), "sda_timeouts": (44, 2), "solicit_rotations": (60, 2)},
+        ),
+        (
+            "plc5_e_dh_plus",
+            {"ack_timeouts": (0, 1), "retries": (7, 1), "adapter_timeouts": (30, 1), "replies_lost": (31, 1)},
+        ),
+        ("plc5_250_dh_plus", {"sent": (0, 2), "undelivered": (4, 1), "bad_crc": (13, 1), "dead_timeouts": (17, 1)}),
+        (
+            "ka_1771",
+            {
+                "ack_bad_crc": (0, 1),
+                "no_receive_buffer": (11, 1),
+                "sent": (17, 2),
+                "commands_received": (23, 2),
+                "resyncs": (28, 1),
+                "replies_lost": (30, 1),
+            },
+        ),
+        ("kc_1771", {"acks_received": (21, 2), "naks_sent": (27, 2), "replies_lost": (29, 1), "enq_preset": (32, 1)}),
+        (
+            "ka3_dh_plus",
+            {"duplicate_nodes": (10, 1), "active_nodes": (36, 1), "breaks": (37, 1), "edits_timed_out": (42, 1)},
+        ),
+        (
+            "ka5_dh_plus",
+            {
+                "ack_timeouts": (1, 1),
+                "bad_crc": (15, 1),
+                "nak_no_memory_sent": (18, 1),
+                "received": (25, 2),
+                "active_nodes": (36, 1),
+            },
+        ),
+        ("ka5_dh485", {"received": (0, 2), "ack_timeouts": (4, 1), "failures": (5, 1), "bad_packets": (8, 1)}),
     ],
 )
 def test_counters_stand_where_the_manual_says(module: str, places: dict[str, tuple[int, int]]) -> None:
@@ -490,6 +524,32 @@ def test_counters_stand_where_the_manual_says(module: str, places: dict[str, tup
         assert counters[name] == int.from_bytes(octets[offset : offset + size], "little"), name
     assert not counters.get("more")
     assert decoded("counter_block", octets + b"\xee", module=module)["more"] == b"\xee"
+
+
+@pytest.mark.parametrize(
+    ("module", "places"),
+    [
+        (
+            "kf2_dh",
+            {"ack_bad_crc": (0, 1), "false_polls": (7, 1), "aborted": (16, 1), "sent": (17, 2), "received": (19, 2)},
+        ),
+        ("kf2_dh_plus", {"ack_bad_crc": (0, 1), "bad_crc": (13, 1), "commands_sent": (25, 2), "active_nodes": (34, 1)}),
+        ("ka_1775", {"ack_when_not_master": (8, 1), "sent": (17, 2), "replies_sent": (27, 2)}),
+    ],
+)
+def test_counters_of_the_network_of_a_module_with_two_links(module: str, places: dict[str, tuple[int, int]]) -> None:
+    protocol, _ = compiled(text())
+    octets = bytes(range(1, 1 + int(protocol.tables["counter_sizes"].entries[module])))
+    network = decoded("counter_block", octets, module=module)["network"]
+    for name, (offset, size) in places.items():
+        assert network[name] == int.from_bytes(octets[offset : offset + size], "little"), name
+
+
+def test_a_plc_5_with_ethernet_counts_words_high_byte_first_and_racks_in_lists() -> None:
+    counters = decoded("counter_block", bytes(range(32)), module="plc5_e_dh_plus")
+    assert (counters["sent"], counters["replies_sent"]) == (0x0809, 0x1011)
+    assert counters["rack_timeouts"] == [18, 19, 20]
+    assert counters["rack_retries"] == [27, 28, 29]
 
 
 @pytest.mark.parametrize(
@@ -542,7 +602,13 @@ def test_counters_stand_where_the_manual_says(module: str, places: dict[str, tup
                 "forces_active": 1,
                 "forces_present": 1,
                 "protect": 2,
+                "not_double_density": 1,
+                "adapter": 0,
             },
+        ),
+        (
+            "06 EB 13 00 40 00 00 22 07 09 66 0A 00 03 00 00 00 00",
+            {"adapter": 1, "upper_half_of_group_4": 1, "half_rack": 1, "dh_plus_115k": 1, "not_double_density": 0},
         ),
         (
             "06 EB 31 00 40 00 00 22 07 FD 01 0A 00 03 00 02 00 00",
@@ -598,23 +664,126 @@ def test_counters_stand_where_the_manual_says(module: str, places: dict[str, tup
             "02 ED 20 00 01 00 00 00 02 22 07",
             {"family": "ka3_1785", "module_name": "1785-KA3", "processor_name": "PLC-2/17", "counters_address": 0x200},
         ),
+        (
+            "02 ED 20 00 01 00 00 00 02 22 58 05 0A",
+            {
+                "other_plc2": 0,
+                "protected_commands": 1,
+                "unprotected_commands": 1,
+                "physical_writes": 1,
+                "sends_unprotected": 0,
+                "terminal_connected": 1,
+                "terminal_edits_by_link": 0,
+                "terminal_edits": 1,
+                "io_racks": 2,
+                "was_forced": 1,
+            },
+        ),
+        (
+            "00 FE 19 00 00 01 00 02 21 05",
+            {
+                "family": "ke_1785",
+                "node_table": 0x100,
+                "counters_address": 0x200,
+                "revision": 1,
+                "series": 1,
+                "options": 5,
+                "rate_57600": 0,
+                "dsr": 1,
+                "switches": 0x1F,
+            },
+        ),
         ("00 FE 19 00 00 03 00 04", {"family": "ke_1785", "node_table": 0x300, "counters_address": 0x400}),
         (
             "00 EE 10 10 00 01 00 02 21 00 00 03",
             {"family": "ka_1785", "other_counters_address": 0x100, "counters_address": 0x200, "node_table": 0x300},
         ),
+        (
+            "01 EE 10 10 00 01 00 02 21 32 00 03",
+            {
+                "on_line": 1,
+                "dh_rate_undefined": 0,
+                "dh_plus_rate_undefined": 1,
+                "redundancy_switch": 1,
+                "is_primary": 1,
+            },
+        ),
         ("00 EE 30 2F 00 01 00 02 21 00 00 03", {"family": "ka5_1785", "counters_address": 0x200}),
-        ("00 EE 1A 17 00 00 00 01 00 02 21 01", {"family": "kp5_1779", "node_table": 0x100, "counters_address": 0x200}),
+        (
+            "EE 30 2F 21 31 37 38 35 2D 4B 41 35 00 00 00 00 00 00 00 00 00 00 00",
+            {"family": "ka5_1785_dh485", "processor_type": 0x2F, "revision": 1, "series": 1, "name": "1785-KA5"},
+        ),
+        (
+            "00 EE 1A 17 00 00 00 01 00 02 21 32",
+            {"family": "kp5_1779", "node_table": 0x100, "counters_address": 0x200, "rate": 230400, "route_updates": 3},
+        ),
         (
             "00 FE 1B 00 00 00 44 41 03 00 20 20 20 20 20 20 20 20",
             {"family": "kt_1784", "counters_address": 0x4144, "revision": 3},
         ),
-        ("01 98 00 00 00 00 00 02 21 07 01 02", {"family": "ka_1773", "counters_address": 0x200, "more": b"\1\2"}),
+        (
+            "01 98 10 09 05 90 00 02 21 00",
+            {
+                "family": "ka_1773",
+                "dh_protected_disabled": 1,
+                "dh_unprotected_disabled": 0,
+                "dh_node": 9,
+                "no_parity": 1,
+                "rate": 4800,
+                "embedded_disabled": 1,
+                "full_duplex": 1,
+                "counters_address": 0x200,
+                "revision": 1,
+                "series": 1,
+            },
+        ),
+        # option switches of the modules of a PLC-2: the 1771-KA2 (series B and on) has the opposite bits of the 1771-KA
+        (
+            "02 11 00 01 00 00 00 02 00 D8",
+            {"rate_57600": 1, "other_plc2": 1, "protected_commands": 0, "physical_writes": 0, "sends_unprotected": 0},
+        ),
+        (
+            "02 11 00 01 00 00 00 02 20 DB",
+            {"rate_57600": 1, "other_plc2": 0, "protected_commands": 1, "physical_writes": 1, "sends_unprotected": 1},
+        ),
+        (
+            "02 01 00 01 00 40 00 02 20 30",
+            {"unprotected_commands": 1, "physical_writes": 1, "port_a": 1, "outputs_off": 1, "rate_57600": 1},
+        ),
+        ("00 F3 00 00 00 00 00 02 60 A8", {"rate_57600": 1, "sw2": 0x0A}),
+        (
+            "02 14 00 01 00 00 00 02 00 D9",
+            {"half_duplex": 1, "physical_writes": 0, "embedded_responses": 1, "even_parity": 1, "rate": 9600},
+        ),
+        (
+            "02 14 00 01 00 00 00 02 20 EA",
+            {"first_module": 1, "crc": 0, "embedded_responses": 1, "half_duplex": 0, "even_parity": 0, "rate": 19200},
+        ),
+        (
+            "02 14 00 01 00 00 00 02 20 19",
+            {"line_options": 7, "crc": 1, "embedded_responses": 0, "half_duplex": 1, "even_parity": 0, "rate": 110},
+        ),
+        (
+            "02 15 00 01 00 00 00 02 00 C9",
+            {"line_options": 3, "crc": 1, "embedded_responses": 1, "half_duplex": 1, "rate": 9600},
+        ),
+        (
+            "00 EE 34 58 00 4D 49 43 52 4F 20 20 20 20 20 20 00 00 06 11 00 00 08 FC",
+            {"processor_name": "MicroLogix 1000", "fault_override": 1, "always_run": 1, "halted": 0, "ram": 8},
+        ),
     ],
 )
 def test_status_replies_say_themselves_whose_they_are(octets: str, expected: dict[str, Any]) -> None:
     status = decoded("processor_status", bytes.fromhex(octets))
     assert {name: status[name] for name in expected} == expected
+
+
+def test_a_1773_ka_has_the_status_of_eight_controllers() -> None:
+    group = bytes(range(1, 14))
+    status = decoded("processor_status", bytes.fromhex("03 98 00 00 00 00 00 02 21 00") + group * 2 + bytes(13) * 6)
+    assert len(status["controllers"]) == 8
+    first = status["controllers"][0]
+    assert (first["program_id"], first["error_address"], first["mode"], first["used_end"]) == (1, 0x0807, 9, 0x0D0C)
 
 
 def test_a_read_is_planned_once_and_its_packets_are_new_every_time(monkeypatch: pytest.MonkeyPatch) -> None:
