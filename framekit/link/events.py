@@ -316,6 +316,10 @@ class Exchange:
         """The bytes of the frame that was taken last."""
         return b"" if self.taken is None else self.taken.raw or b""
 
+    def may_repeat(self) -> bool:
+        """Return whether it may run again while its reply is in doubt. To be overridden."""
+        return True
+
     def suspected(self, results: dict[str, Any]) -> None:
         """Take results that may come from an own echo: the reply equals the request. To be overridden."""
         self.succeeded(results)

@@ -234,6 +234,15 @@ class LateReplies:
 
     # ---- may a request be sent? ---------------------------------------------------------------------------
 
+    def prepare(self, x: Exchange) -> None:
+        """Before an exchange that must not be repeated, hold the line until no reply to a request like it can come."""
+        self.expire()
+        if not self.open or x.may_repeat():
+            return
+        kind = None if x.request is None else x.request.frame
+        alike = [one.ends for one in self.open if kind is None or one.asked is None or one.asked.frame == kind]
+        self.until = max(self.until, *alike, 0)
+
     def concerns(self, station: Any) -> bool:
         """Return whether the hold is for requests to this station too."""
         if not self.expected.name_stations or not self.open:

@@ -199,6 +199,18 @@ class LateWorld:
         self.outcomes[outcome] += 1
         return outcome
 
+    def write(self, value: int) -> TransferResult:
+        """Write a value to the first place; its end."""
+        self._ended.clear()
+
+        def begin(client: Client, now: int, done: Done) -> Transfer:
+            return client.write(self.line.places[0], [value], station=self.line.station, now=now, on_done=done)
+
+        self.service.request(begin, self._ended.append)
+        while not self._ended and self.clock.advance():
+            pass
+        return self._ended[0]
+
     def exchanges(self, count: int) -> None:
         for _ in range(count):
             self.exchange()

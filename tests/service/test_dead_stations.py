@@ -166,3 +166,33 @@ def test_a_station_that_comes_back_while_it_is_suspected(tmp_path: Path) -> None
     start()
     clock.run_for(10 * SECOND)
     assert not service.status()[1].dead and service.states[1].done >= 8
+
+
+@pytest.mark.parametrize("retries", [0, 2])
+@pytest.mark.parametrize(
+    ("protocol", "address"), [("modbus-rtu", "40001"), ("modbus-ascii", "40001"), ("mldp", "D100"), ("ge-rtu", "40001")]
+)
+def test_a_dead_station_costs_its_neighbours_a_few_readings(
+    protocol: str, address: str, retries: int, tmp_path: Path
+) -> None:
+    """Three stations are read once a second. The wait for late replies of the dead station is for it alone."""
+    for number in (1, 2, 3):
+        text = f"device: d{number}\nprotocol: {protocol}\nstation: {number}\n"
+        (tmp_path / f"d{number}.device.yaml").write_text(text, encoding="utf-8")
+    blocks = "".join(
+        f'  {number}: {{read: "{address}", into: D{number:05}, station: {number + 1}, every: 1 s}}\n'
+        for number in range(3)
+    )
+    path = tmp_path / "r.run.yaml"
+    path.write_text(
+        'run: r\nmemory: masterlogic\nchannels:\n  1: {port: "sim:d1.device.yaml,d2.device.yaml,d3.device.yaml", '
+        f"protocol: {protocol}, params: {{retries: {retries}}}}}\nblocks:\n{blocks}",
+        encoding="utf-8",
+    )
+    clock = VirtualClock()
+    service = RunService(load_run(path), clock)
+    service.devices[1].start = lambda: None  # type: ignore[method-assign]
+    service.start()
+    clock.run_for(90 * SECOND + SECOND // 2)
+    done = [service.states[number].done for number in range(3)]
+    assert done[1] == 0 and min(done[0], done[2]) >= 87 - retries // 2

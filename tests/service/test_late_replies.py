@@ -234,3 +234,18 @@ def test_no_value_is_that_of_another_request_in_many(name: str) -> None:
 @pytest.mark.parametrize("name", USUAL)
 def test_procedures_of_their_own_store_nothing_wrong_in_many(name: str) -> None:
     check_procedure(name, max(EXCHANGES.get(name, 0), MANY * 2 // 5))
+
+
+@pytest.mark.parametrize(("name", "retries", "sent"), [("modbus-rtu", 0, 1), ("mldp", 0, 1), ("mldp", 2, 2)])
+def test_a_write_is_sent_once_where_retries_are_0(name: str, retries: int, sent: int) -> None:
+    """Also while replies to earlier writes may still come: it waits until none of them is expected."""
+    lost = FaultRule(kind="no_reply", begin=2 * SECOND, end=6 * SECOND)
+    world = LateWorld(name, lost, watched=True, retries=retries, reply_timeout=SECOND)
+    world.clock.run_until(3 * SECOND)
+    assert not world.write(5).ok
+    world.clock.run_until(7 * SECOND)
+    world.seen.clear()
+    assert world.write(7).ok
+    requests = [one for one in world.seen if one.kind == "frame" and one.direction == "out"]
+    assert len(requests) == sent
+    assert world.clock.now() > 20 * SECOND if retries == 0 else world.clock.now() < 12 * SECOND

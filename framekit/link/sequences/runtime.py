@@ -358,7 +358,7 @@ class Machine:
         until = self.late.doubts(run, level.x, results)
         if not until:
             return False
-        if run.given_up or self.late.is_endless(run):
+        if run.given_up or self.late.is_endless(run) or not level.x.may_repeat():
             run.cause = "replies cannot be told from those to earlier requests"
             self.fail_run(run, "cancelled" if run.given_up else "late_replies")
             return True
@@ -438,6 +438,7 @@ class Machine:
         """An exchange of the service that the run's `ask` step has asked for."""
         sequence = self.sequences[exchange.run or run.lane.exchange[0]]
         x = exchange.begin(self.scope)
+        self.late.prepare(exchange)
         run.first_open = self.late.count
         run.top = level = Level(sequence.begin(run, x, NOTHING), x, run.top, True)
         run.state = GOING

@@ -463,6 +463,13 @@ class Transfer(Exchange):
             if not self._going:
                 self._go(self._engine.scope.now)
 
+    def may_repeat(self) -> bool:
+        """Return whether the present exchange only reads, or `retries` allows repeats."""
+        if self._plan.exchanges[self._next - 1].row.reads:
+            return True
+        retries = self.params["retries"] if "retries" in self.params else self._engine.scope.get("retries")
+        return bool(retries != 0)
+
     def suspected(self, results: dict[str, Any]) -> None:
         """Have it proved that the reply is no echo of the request, then read it."""
         self._engine.prove(self._plan.exchanges[self._next - 1], partial(self._proved, results))
