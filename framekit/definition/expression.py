@@ -256,6 +256,7 @@ FUNCTIONS: dict[str, KnownFunction] = {
     "empty": KnownFunction(1, 1, "flag"),
     "full": KnownFunction(1, 1, "flag"),
     "memory": KnownFunction(2, 2, "bytes"),
+    "value": KnownFunction(2, 2, "number"),
     "with_date": KnownFunction(3, 3, "any"),
     "xor": KnownFunction(2, 2, "bytes"),
     "aes": KnownFunction(2, 3, "bytes", is_extra=True),
@@ -264,7 +265,7 @@ FUNCTIONS: dict[str, KnownFunction] = {
 }
 
 
-ENGINE_FUNCTIONS = frozenset({"empty", "full", "memory", "with_date", "random", "code"})
+ENGINE_FUNCTIONS = frozenset({"empty", "full", "memory", "value", "with_date", "random", "code"})
 """Functions that need a running engine; their result may change at any time."""
 COLUMNS = frozenset({"area"})
 """Names with constant values when an expression is inverted: the columns of an area."""

@@ -177,6 +177,10 @@ class CountedTextView:
         return len(data).to_bytes(2, "little") + swap(data.ljust(room, b"\0"), 2)
 
 
+NUMBER_VIEWS = {name: NumberView(name, _UNITS[bits], kind, False, False) for name, (bits, kind) in _TYPES.items()}
+"""The views of numbers with the low word first."""
+
+
 def view_of(type_: str, order: str | None = None) -> NumberView | TextView:
     """Return the view named in `VIEWS`. Raises ValueError for another name, or an unknown order."""
     if order is not None and order not in ORDERS:

@@ -156,7 +156,15 @@ def test_interpreter_and_emitter_agree_on_any_arithmetic(text: str, a: int, b: i
 
 
 def test_every_function_of_the_language_is_there() -> None:
-    wanted = KNOWN_FUNCTIONS.keys() - {"empty", "full", "memory", "with_date", "random", "code"}  # these need an engine
+    wanted = KNOWN_FUNCTIONS.keys() - {
+        "empty",
+        "full",
+        "memory",
+        "value",
+        "with_date",
+        "random",
+        "code",
+    }  # these need an engine
     assert set(FUNCTIONS) == wanted
 
 

@@ -36,7 +36,7 @@ from framekit.definition.model.frames import (
 from framekit.definition.model.procedure import Action, Row, Sequence, Step, Target
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import INDEX, LAST, PREVIOUS
-from framekit.definition.model.services import AS_NUMBERS, OFFERED, ServeWork, ServiceRow
+from framekit.definition.model.services import AS_NUMBERS, NUMBER_BITS, OFFERED, ServeWork, ServiceRow
 from framekit.definition.model.values import EachOf, FrameOf, Value
 from framekit.definition.problems import Position, Problem, did_you_mean, listed
 
@@ -161,6 +161,8 @@ class NameChecker:
         for node in walk(expression.root):
             if isinstance(node, Call) and node.function == "code":
                 self._code(node)
+            if isinstance(node, Call) and node.function == "value":
+                self._type_of_value(node)
             if not isinstance(node, Name) or node.name in known or node.name in self.broken:
                 continue
             if node.name in ONLY_THERE:
@@ -180,6 +182,17 @@ class NameChecker:
             self._note(name.at, f"there is no check method '{name.value}'", hint)
         elif method.kind != "code" and not method.is_of_bytes:
             self._note(name.at, f"the check code '{name.value}' takes more than bytes", "take another one")
+
+    def _type_of_value(self, call: Call) -> None:
+        """Note a problem of the type of a number in memory: it must be a constant."""
+        name = call.arguments[1]
+        if not isinstance(name, Text):
+            self._note(
+                name.at, "a type of numbers in memory stands here", f"write it in quotes: {', '.join(NUMBER_BITS)}"
+            )
+        elif name.value not in NUMBER_BITS:
+            hint = did_you_mean(name.value, NUMBER_BITS)
+            self._note(name.at, f"'{name.value}' is not a type of numbers in memory", hint)
 
     def _hint(self, name: str, known: Collection[str]) -> str:
         if name in self.protocol.frames:

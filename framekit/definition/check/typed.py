@@ -78,6 +78,8 @@ _TAKES: dict[str, tuple[tuple[Kind, ...], ...]] = {
     "span": (("number",), ("number",)),
     "only": (("text", "bytes"), ("text", "bytes")),
     "xor": (("bytes",), ("bytes",)),
+    "memory": (("text",), ("number",)),
+    "value": (("text",), ("text",)),
     "aes": (("bytes",), ("bytes",), ("bytes",)),
     "random": (("number",),),
     "code": (("text",), ("bytes",)),
@@ -323,7 +325,7 @@ class KindChecker:
         return _FUNCTION_KINDS.get(gives, "any")
 
     def _length_of_frame(self, frame: Node, kind: Kind) -> None:
-        """Note the length of an inner frame where it is unknown: it is known in the outer frame only, if always
+        """Note the length of an inner frame that is not known: it is known in the outer frame only, if always
         present.
         """
         last = frame.name if isinstance(frame, (Name, Attribute)) else ""
@@ -478,7 +480,7 @@ def add_kind(found: dict[str, Kind], name: str, kind: Kind) -> None:
 
 
 def kind_of_variable(type_: str) -> Kind:
-    """Return the kind of a parameter, argument or variable of that type."""
+    """Return the kind of a parameter, argument or variable of the given type."""
     return "number" if type_[:1] in "uif" and type_[1:].isdigit() else VARIABLE_KINDS.get(type_, "any")
 
 

@@ -14,6 +14,7 @@ from framekit.codec.errors import FrameError
 from framekit.codec.shown import code_text, explain
 from framekit.definition.model.procedure import Session
 from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.services import NUMBER_BITS
 from framekit.definition.times import NEVER, parse_format
 from framekit.link.events import (
     Ask,
@@ -64,6 +65,7 @@ from framekit.link.sequences.state import (
     begin_clock,
 )
 from framekit.link.values import EVALUATION_ERRORS, FrameValue, Names, frames_in, plain
+from framekit.memory.views import NUMBER_VIEWS
 
 RECEIVING, PAUSING, ASKING, DONE, GOING = State.RECEIVING, State.PAUSING, State.ASKING, State.DONE, State.GOING
 
@@ -660,6 +662,10 @@ class EngineFunctions(LinkFunctions):
         if self._machine.memory is None:
             raise ValueError("there is no memory to read")
         return self._machine.memory.read(address, size)
+
+    def value(self, address: str, type_: str) -> float:
+        """Return the number at an address of the device's memory, low word first. Raises ValueError."""
+        return NUMBER_VIEWS[type_].read(self.memory(address, NUMBER_BITS[type_] // 8))[0]
 
     def with_date(self, clock: Mapping[str, int], frame: Any, mode: int | str) -> dict[str, int]:
         return with_date(clock, frame, mode)
