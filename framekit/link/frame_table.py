@@ -35,7 +35,6 @@ from framekit.definition.model.segments import (
 from framekit.link.quick_look import (
     NO_SIZES,
     NOT_QUICK,
-    UNKNOWN,
     Counted,
     counted_of,
     intact_of,
@@ -124,10 +123,9 @@ def _mark_inner(
 class FrameInfo:
     """Facts about a frame. `first`: the byte it begins with, if that is certain. `known`: fields that are constants.
 
-    `extent`: as `measure` if the frame is good; if `guesses`, only for known frames inside.
-    `has_lists`: it may hold lists or records. `inner`: the field with the only frame inside, with at most `behind`
-    bytes after it. `intact`: a quick test of its check code, if it has one; a frame that fails is bad, never refused.
-    The table of all frames sets `make`.
+    `extent`: as `measure` if the frame is good; if `guesses`, only for known frames inside. `has_lists`: it may hold
+    lists or records. `inner`: the field with the only frame inside. `intact`: a quick test of its check code, if it has
+    one; a frame that fails is bad, never refused. The table of all frames sets `make`.
     `carries`: frames that may be put into this frame when `insert` holds. `value_names`: its fields. `sizes`: the
     extents by a byte. `quick`: how a good frame is decoded quickly. `usual`: fields that replies repeat, and
     the names that give them where the frame does not. `optional`: fields that need not be given, and their defaults;
@@ -136,7 +134,7 @@ class FrameInfo:
     """
 
     __slots__ = (
-        "_diagnose", "announces", "behind", "carries", "computed", "count", "counted", "decode", "echo", "echo_fields",
+        "_diagnose", "announces", "carries", "computed", "count", "counted", "decode", "echo", "echo_fields",
         "echoes", "encode", "extent", "first", "fixed_bytes", "flat", "frame", "guesses", "has_lists", "inner",
         "inners", "insert", "intact", "is_fixed", "known", "make", "may_lack", "measure", "most", "name", "numbers",
         "on_line", "optional", "quick", "refuse", "restricted", "rests", "shape", "sizes", "usual", "value_names",
@@ -160,7 +158,6 @@ class FrameInfo:
         self.inners = tuple(name for kind, name, _ in self.shape if kind == "inner")
         self.inner = self.shape[0][1] if len(self.shape) == 1 and self.shape[0][0] == "inner" else None
         self.guesses = codec.extent is not None and self.inner is not None
-        self.behind = _behind_inner(frame.segments)
         self.extent = codec.extent if self.guesses and codec.extent is not None else codec.measure
         self.refuse = frame.refuse
         self.intact = intact_of(frame)
@@ -257,18 +254,6 @@ class FrameInfo:
 
 def _plain_name(expression: Any) -> str | None:
     return expression.root.name if isinstance(expression.root, Name) else None
-
-
-def _behind_inner(segments: tuple[Segment, ...]) -> int:
-    """Return the number of bytes after the last frame inside; more than any frame has if that varies."""
-    size = 0
-    for segment in reversed(segments):
-        if isinstance(segment, Inner):
-            return size
-        if not isinstance(segment, Check) or segment.when is not None:
-            break
-        size += segment.size
-    return UNKNOWN
 
 
 def first_byte(segments: tuple[Segment, ...]) -> int | None:

@@ -1,8 +1,8 @@
 """Frames that may stand in the middle of others: found and taken out before the outer frame is measured.
 
 A byte-stuffed region may hold them anywhere; they begin with the escape byte and something that is neither a doubled
-escape nor the region's end. Without stuffing they begin with a byte that the outer frame never holds, and stand behind
-any of its bytes. It knows no protocol, only the segments of a frame.
+escape nor the region's end. Without stuffing they begin with a byte that the outer frame never holds, and
+follow any of its bytes. The module knows no protocol, only the segments of a frame.
 """
 
 from __future__ import annotations
@@ -19,15 +19,12 @@ from framekit.link.stream import Stream
 from framekit.link.values import CODEC_ERRORS, Names
 
 DONE = -1
-"""The region has ended: there is nothing more to look for."""
-
-NEAR = 512
-"""So many bytes are searched at once for the beginning of a frame inside another."""
+"""The region has ended; the search is over."""
 
 
 @dataclass(slots=True)
 class InsideRule:
-    """Which frames may stand in the region of which outer frame, and what comes before the region."""
+    """The frames that may stand in the region of an outer frame, and the segments before the region."""
 
     before: tuple[Segment, ...]
     escape: int
@@ -55,7 +52,7 @@ class InsideRule:
 
 @dataclass(slots=True)
 class OwnByteRule:
-    """Which frames may stand behind any byte of an outer frame, by the byte that they begin with.
+    """The frames that may follow any byte of an outer frame, by the byte that they begin with.
 
     `front`: the bytes that the outer frame may have at each of its first places, as far as these are certain.
     """
@@ -81,33 +78,37 @@ def plain_end(buffer: bytes | bytearray, position: int, end: int, escape: int) -
 
 
 class InsideFinder:
-    """Looks through what is arriving for frames in the middle of others, every byte once.
+    """Searches arriving bytes for frames in the middle of others, every byte once.
 
     `places`: how far it has looked in each frame that may have begun at the present place. `holders`: the frames that
     may hold others. Up to the offset `_clear` of the stream, no frame inside begins that has not been taken out.
     """
 
-    __slots__ = ("_clear", "_lost", "_marks", "_names", "_quiet", "_rules", "holders", "places")
+    __slots__ = ("_clear", "_lost", "_marks", "_names", "_offset", "_quiet", "_rules", "places")
 
     def __init__(self, table: FrameTable, names: Names, quiet: int, lost: int) -> None:
         self._names = names
         self._quiet = quiet
         self._lost = lost
         self._rules, self._marks = table.once(rules_and_marks, table)
-        self.holders = frozenset(self._rules)
         self.places: dict[str, int] = {}
         self._clear = 0
+        self._offset = -1
 
     def __bool__(self) -> bool:
         return bool(self._rules)
 
-    def forget(self) -> None:
-        """The place in the stream has changed."""
-        if self.places:
-            self.places.clear()
+    def move(self, offset: int) -> None:
+        """Begin anew if the position is another stream offset than before."""
+        if self._offset != offset:
+            self._offset, self.places = offset, {}
+
+    def is_partly(self, offset: int) -> bool:
+        """Return whether a frame that begins at a stream offset has been searched in part."""
+        return self._offset == offset and bool(self.places)
 
     def is_none_behind(self, stream: Stream) -> bool:
-        """Whether behind the stream's position there is surely no frame that may stand inside another."""
+        """Return whether surely no frame that may stand inside another follows the stream's position."""
         if self._marks is None:
             return False
         buffer, base = stream.buffer, stream.base
@@ -116,20 +117,8 @@ class InsideFinder:
         self._clear = base + len(buffer) - 1  # the last byte may begin one
         return True
 
-    def is_none_in(self, names: tuple[str, ...], raw: bytes) -> bool:
-        """Whether no frame may stand inside one of these, or surely none does in the bytes `raw`."""
-        return self.holders.isdisjoint(names) or (self._marks is not None and self._marks.search(raw) is None)
-
-    def first_mark(self, buffer: bytes | bytearray, start: int, end: int) -> int:
-        """Up to where there is surely no frame inside another, of the next bytes from `start` on, up to `end`."""
-        if self._marks is None or self.places:
-            return start
-        end = min(end, start + NEAR)
-        match = self._marks.search(buffer, start, end)
-        return end if match is None else match.start()
-
     def end_for(self, outer: str, limit: int, base: int) -> int:
-        """How far `outer` may be measured: not over what has not been looked through."""
+        """Return how far `outer` may be measured: up to the bytes that have been searched."""
         place = self.places.get(outer, DONE) if self.places else DONE
         return limit if place == DONE else min(limit, place - base)
 
@@ -205,7 +194,7 @@ class InsideFinder:
             start = found + 2
 
     def _has_begun(self, info: FrameInfo, stream: Stream, start: int) -> bool:
-        """Whether what stands before the region, which begins at `start`, can be the beginning of this frame."""
+        """Return whether the bytes before the region, which begins at `start`, can be the beginning of this frame."""
         try:
             size = info.measure(stream.buffer, stream.position, start, self._names, 0)
         except CODEC_ERRORS:
@@ -230,13 +219,13 @@ Rules = dict[str, InsideRule | OwnByteRule]
 
 
 def rules_and_marks(table: FrameTable) -> tuple[Rules, re.Pattern[bytes] | None]:
-    """What a finder looks for, the same for all receivers of a table."""
+    """Return the rules of a finder, the same for all receivers of a table."""
     rules = inside_rules(table)
     return rules, marks_of(rules.values())
 
 
 def marks_of(rules: Iterable[InsideRule | OwnByteRule]) -> re.Pattern[bytes] | None:
-    """Matches where every frame begins that may stand inside another; None if that is not told by constants.
+    """Matches where every frame begins that may stand inside another; None if constants do not determine that.
 
     That is its first byte where the outer frame never holds it, else its first two.
     """

@@ -1,9 +1,9 @@
-"""The bytes a receiver has not used yet, with what is known of their timing and of damaged characters.
+"""The bytes a receiver has not used yet, with their times and damaged characters.
 
 Offsets are those of the stream: they count bytes from its start and stay valid when the buffer moves. Besides: the
 pauses between bytes, the noise that is being collected, and the ninth bits of characters. On a line of nine bits
-(guide: lines) a marked byte is the first of some frames and the last of others; nothing else is marked. So a frame ends
-before the next marked byte, or with it, whatever its bytes say.
+(guide: lines) a marked byte is the first of some frames and the last of others; no other byte is marked. So a frame
+ends before the next marked byte, or with it, whatever its bytes say.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from framekit.link.scope import LineTimes, Scope
 from framekit.link.values import EVALUATION_ERRORS, Evaluate, Names, compile_expression
 
 COPIED = 4096
-"""A rest of so many bytes is copied when more come; behind a longer one they are appended, which grows no slower."""
+"""A rest of so many bytes is copied when more come; to a longer rest they are appended, which grows no slower."""
 
 
 QUIET_CHARACTERS, QUIET_ON_STREAM = 3, 50_000_000
@@ -32,7 +32,7 @@ Characters on a line. On a stream characters take no time, so it is a time (ns):
 GAP_CHARACTERS, GAP_TIME, GAP_ON_STREAM = 20, 50_000_000, 10_000_000_000
 """The longest pause inside a frame while no step limits its time and the definition has no `gap`.
 
-Characters and time (ns) on a line. On a stream nothing is lost, and a slow network may part a frame anywhere.
+Characters and time (ns) on a line. A stream loses no byte, and a slow network may part a frame anywhere.
 """
 
 LONGEST = 65536
@@ -40,10 +40,10 @@ LONGEST = 65536
 
 
 class Stream:
-    """A buffer from `position` on. `base` is the offset of `buffer[0]`; pauses are offsets of the byte behind them.
+    """A buffer from `position` on. `base` is the offset of `buffer[0]`; pauses are offsets of the byte after them.
 
-    `ends` and `times`: of the pieces the bytes came in, the offsets behind them and when they came. The buffer is
-    `bytes` as long as it is short, so that it is not copied. `taken_out`: what has been behind the position, so
+    `ends` and `times`: of the pieces the bytes came in, their end offsets and times. The buffer is
+    `bytes` as long as it is short, so that it is not copied. `taken_out`: bytes removed after the position, so
     that offsets there do not count on evenly; `removed`: how many bytes have been before it. `is_marked`: there may be
     something in it, or a fault, silence or pause. `marks`: offsets of the bytes whose ninth bit is set.
     """
@@ -70,8 +70,12 @@ class Stream:
 
     @property
     def offset(self) -> int:
-        """The stream offset of the current position, frames taken out of the middle of others included."""
-        place = self.base + self.position
+        """The stream offset of the position, frames taken out of the middle of others included."""
+        return self.offset_of(self.position)
+
+    def offset_of(self, index: int) -> int:
+        """Return the stream offset of `buffer[index]`; indices before it must not be asked for afterwards."""
+        place = self.base + index
         if not self.taken_out:
             return place + self.removed
         while self.taken_out and self.taken_out[0][0] <= place:
@@ -79,8 +83,8 @@ class Stream:
         return place + self.removed
 
     def add(self, data: bytes, now: int, faults: Iterable[CharacterFault]) -> bool:
-        """More bytes, the last of which came at `now`; whether there have been others. What has been used is dropped,
-        unless much more follows it.
+        """More bytes, the last of which came at `now`; whether there have been others. Used bytes are dropped, unless
+        many more follow.
         """
         rest = len(self.buffer) - self.position
         if rest > COPIED or self.is_marked or faults:
@@ -124,9 +128,9 @@ class Stream:
         return bool(rest)
 
     def give_back(self) -> bytes:
-        """The last byte of the buffer, if no more than that is left; no bytes otherwise.
+        """Return the last byte of the buffer if only that byte is unused; else no bytes.
 
-        It comes again, at the same place, with what follows it, and counts as come then.
+        The byte is added again, at the same offset, with the next bytes, and has their time.
         """
         if len(self.buffer) - self.position > 1:
             return b""
@@ -136,7 +140,7 @@ class Stream:
         return last
 
     def mark(self, places: list[int], place: int) -> None:
-        """Notes something at a place, behind all that is noted in `places`."""
+        """Add a place after all other `places`."""
         places.append(place)
         self.is_marked = True
 
@@ -183,12 +187,12 @@ class Stream:
         return None
 
     def first_after(self, places: list[int], index: int) -> int | None:
-        """The buffer index of the first of `places` behind `index`."""
+        """Return the buffer index of the first of `places` after `index`."""
         found = bisect_right(places, self.base + index)
         return places[found] - self.base if found < len(places) else None
 
     def remove(self, start: int, end: int) -> None:
-        """Takes `buffer[start:end]` out of the middle; what lies behind moves up."""
+        """Takes `buffer[start:end]` out of the middle; later bytes move up."""
         low, count = self.base + start, end - start
         self.buffer = self.buffer[:start] + self.buffer[end:]
         self.taken_out.append((low + 1, count))
@@ -250,7 +254,7 @@ class Pauses:
         return found[1], self._usual_gap() if self.is_idle and self._gap_of is None else found[2]
 
     def _usual_gap(self) -> int:
-        """The longest pause in a frame that begins while nothing is waited for."""
+        """Return the longest pause in a frame that begins while no step waits."""
         return self.line.chars(GAP_CHARACTERS) + GAP_TIME if self.line.character else GAP_ON_STREAM
 
     @property
@@ -278,7 +282,7 @@ class Pauses:
             stream.mark(stream.pauses, place)
 
     def is_quiet(self, now: int) -> bool:
-        """Whether nothing has come for `quiet`."""
+        """Return whether no byte has come for `quiet`."""
         return now - self._stream.last >= self.limits()[0]
 
     def reach(self, now: int) -> tuple[int, bool]:
@@ -295,7 +299,7 @@ class Pauses:
         return end, gap is not None and now - stream.last >= gap
 
     def silence_behind(self, index: int, now: int) -> int | None:
-        """The buffer index behind `index` where a silence stands, the present one included; None when there is none."""
+        """Return the buffer index after `index` where a silence stands, the present silence included, or None."""
         stream = self._stream
         found = stream.first_after(stream.silences, index)
         cut = stream.first_after(stream.pauses, index)
@@ -307,7 +311,7 @@ class Pauses:
 
 
 class NoiseRun:
-    """A run of bytes that fit nothing, until it ends. `skipped`: a bad frame that has been reported left them."""
+    """A run of bytes that fit no frame, until it ends. `skipped`: a bad frame that has been reported left them."""
 
     __slots__ = ("_last", "_offset", "_started", "data", "skipped")
 
@@ -374,16 +378,6 @@ class Marks:
         marks = self._stream.marks
         found = bisect_left(marks, self._stream.base + index)
         return marks[found] - self._stream.base if found < len(marks) else None
-
-    def beginning(self, levels: tuple[tuple[FrameInfo, ...], ...]) -> tuple[tuple[FrameInfo, ...], ...]:
-        """Those that may begin at the present place; all of them where none may, so that one can be told as bad."""
-        position = self._stream.position
-        is_marked = self.next(position) == position
-        fitting = tuple(
-            tuple(info for info in infos if info.frame.mark == "last" or (info.frame.mark == "first") is is_marked)
-            for infos in levels
-        )
-        return fitting if any(fitting) else levels
 
     def end_for(self, info: FrameInfo, limit: int) -> int:
         """How far a frame that begins at the present place can reach, up to `limit` (buffer index)."""

@@ -1,9 +1,10 @@
-"""Reading frames in a row gives exactly what looking at every place gives: the same things at the same times."""
+"""Shortcuts of the receiver change no result: rows, sizes by a byte and quick looks find what measuring finds."""
 
 from __future__ import annotations
 
 import os
 import random
+from functools import cache
 from typing import Any
 
 import pytest
@@ -15,26 +16,40 @@ from spread import spread
 from framekit.codec.codec import compile_protocol
 from framekit.definition.times import LineFormat
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived
-from framekit.link.candidates import ExpectedFrames
+from framekit.link.candidates import Candidates
 from framekit.link.events import CharacterFault, LineFault
+from framekit.link.frame_table import FrameTable
+from framekit.link.quick_look import NO_SIZES, NOT_QUICK
 from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope
 from framekit.link.values import plain
 
 
+@cache
+def careful_table(name: str) -> FrameTable:
+    """A table without shortcuts: frames are measured and decoded, never judged by bytes or tables of sizes."""
+    protocol, codec, _ = loaded(name)
+    table = FrameTable(protocol, codec)
+    for info in table.infos.values():
+        info.quick, info.sizes, info.counted, info.intact = NOT_QUICK, NO_SIZES, None, None
+        info.extent, info.guesses = info.measure, False
+    return table
+
+
 class Careful(Receiver):
-    """Looks at every place."""
+    """Compares the candidates at every position."""
 
-    def _read_row(self, frames: ExpectedFrames, found: list[Arrival], is_all: bool) -> bool:
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self._is_simple = False
+
+    def _passes(self, here: Candidates, place: int, end: int, is_cut: bool) -> bool:
         return False
-
-    def _pass_over(self, frames: ExpectedFrames, found: list[Arrival]) -> None:
-        pass
 
 
 def careful(name: str) -> Receiver:
     protocol, codec, _ = loaded(name)
-    return Careful(codec, protocol, receiver(name)._names)
+    return Careful(codec, protocol, receiver(name)._names, careful_table(name))
 
 
 def told(event: Arrival) -> tuple[Any, ...]:
