@@ -32,7 +32,7 @@ from framekit.service.driver import Driver
 from framekit.transport.clock import VirtualClock
 from framekit.transport.simulated_line import SimulatedLine, Transmission
 
-EXCHANGES = int(os.environ.get("FRAMEKIT_EXCHANGES", "1000"))
+EXCHANGES = int(os.environ.get("FRAMEKIT_EXCHANGES", "600"))
 BCC = Names({"check_kind": "bcc", "max_packet": 250, "processor": "slc"})
 
 

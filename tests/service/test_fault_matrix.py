@@ -45,26 +45,31 @@ def fits(kind: str, link: Link) -> bool:
     return not list(mismatches(plan, load_protocol(link.protocol), line=True)) and (kind, str(link)) not in NEVER_SENT
 
 
-@pytest.mark.parametrize(("kind", "link"), spread(product(SINGLE, LINKS), 5), ids=str)
-def test_one_frame_is_hit_and_the_next_exchange_succeeds(kind: str, link: Link) -> None:
+PLACES = (1, 2, 5)
+"""Which frame of the device is hit: each kind hits all of them, on different links, and so does each link."""
+
+HITS = [(kind, link, PLACES[(at + number) % 3]) for at, kind in enumerate(SINGLE) for number, link in enumerate(LINKS)]
+
+
+@pytest.mark.parametrize(("kind", "link", "place"), spread(HITS, 5), ids=str)
+def test_one_frame_is_hit_and_the_next_exchange_succeeds(kind: str, link: Link, place: int) -> None:
     if not fits(kind, link):
         pytest.skip(f"{link} has nothing that {kind} could be done to")
-    for place in (1, 2, 5):
-        world = FaultWorld(link, rule_for(kind, place))
-        hit = ""
-        while not world.injected[kind]:
-            hit = world.exchange()
-            assert world.number <= 20, "no frame could be hit"
-        if kind == "glue" and hit != "ok":
-            world.exchange()  # the frame that was held comes only now
-        if hit != "ok":
-            world.clock.run_for(30 * SECOND)  # the other side may still be waiting for what will not come
-        assert hit == "ok" or kind not in HARMLESS
-        assert [world.exchange(), world.exchange()] == ["ok", "ok"], (place, hit)
-        assert world.wrong == []
-        if kind not in HARMLESS:
-            assert_shown(kind, world, hit)
-        assert world.injected == {kind: 1}
+    world = FaultWorld(link, rule_for(kind, place))
+    hit = ""
+    while not world.injected[kind]:
+        hit = world.exchange()
+        assert world.number <= 20, "no frame could be hit"
+    if kind == "glue" and hit != "ok":
+        world.exchange()  # the frame that was held comes only now
+    if hit != "ok":
+        world.clock.run_for(30 * SECOND)  # the other side may still be waiting for what will not come
+    assert hit == "ok" or kind not in HARMLESS
+    assert [world.exchange(), world.exchange()] == ["ok", "ok"], hit
+    assert world.wrong == []
+    if kind not in HARMLESS:
+        assert_shown(kind, world, hit)
+    assert world.injected == {kind: 1}
 
 
 def rule_for(kind: str, place: int) -> FaultRule:

@@ -74,12 +74,12 @@ class World(FaultWorld):
         self.clock.run_for(round(len(data) * self.line.character_time) + pause)
 
     def strays(self) -> list[bytes]:
-        """Each byte alone, and all that a frame of the client can break off to; of both every fourth, each protocol
+        """Each byte alone, and all that a frame of the client can break off to; of both every sixth, each protocol
         others, and all that `some_strays` has."""
         pieces = {data[:size] for data in self.sent for size in range(2, len(data))}
         every = [*(bytes([byte]) for byte in range(256)), *sorted(pieces)]
-        first = ALL.index(self.link) % 4
-        return sorted({*every[first::4], *self.some_strays()})
+        first = ALL.index(self.link) % 6
+        return sorted({*every[first::6], *self.some_strays()})
 
     def some_strays(self) -> list[bytes]:
         """Bytes that frames begin or end with and some others, and what the first bytes of a frame break off to."""
