@@ -485,9 +485,9 @@ class AsyncClient:
         if role is not None and not any(lane.listen for lane in role.lanes):
             what = f"the role '{role.name}' listens only while it asks – connect with frames_alone=True"
             raise RequestError(what)
-        there = service.take_frame(frames)
-        if there is not None:
-            return frame_of(there)
+        available = service.take_frame(frames)
+        if available is not None:
+            return frame_of(available)
         future: asyncio.Future[FrameValue] = asyncio.get_running_loop().create_future()
         waiting = (frames, future)
         self._waiting.append(waiting)

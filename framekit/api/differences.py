@@ -284,8 +284,8 @@ def _with_asked(protocol: Protocol, frames: Sequence[SeenFrame], telling: set[tu
     found, asked = [], ""
     for frame in frames:
         if protocol.frames[frame.kind].side == "client":
-            told = [(path, value) for (_, path), value in frame.values.items() if (frame.kind, path) in telling]
-            asked = " ".join(f"{path.rpartition('.')[2]}={_shown(value)}" for path, value in told)
+            known = [(path, value) for (_, path), value in frame.values.items() if (frame.kind, path) in telling]
+            asked = " ".join(f"{path.rpartition('.')[2]}={_shown(value)}" for path, value in known)
         elif protocol.frames[frame.kind].side == "server":
             frame = frame._replace(asked=asked)
         found.append(frame)

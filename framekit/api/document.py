@@ -297,10 +297,10 @@ def _name(segment: Segment) -> str:
 def _what(segment: Segment) -> str:
     """Describe a segment in the words of docstrings of generated code; a list without its items."""
     if segment.blocks or segment.inner_record is not None:
-        told = f"{segment.called()}" + (f" if {segment.when}" if segment.when is not None else "")
+        described = f"{segment.called()}" + (f" if {segment.when}" if segment.when is not None else "")
     else:
-        told = _after_name(segment) + (f", if {segment.when}" if segment.when is not None else "")
-    return f"{told}: {segment.doc}" if segment.doc else told
+        described = _after_name(segment) + (f", if {segment.when}" if segment.when is not None else "")
+    return f"{described}: {segment.doc}" if segment.doc else described
 
 
 def _after_name(segment: Segment) -> str:

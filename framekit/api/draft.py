@@ -80,9 +80,9 @@ def drafted(found: Guess, name: str, source: str) -> Draft:
     with TemporaryDirectory() as folder, cached_by(None):
         path = Path(folder) / f"{name}.yaml"
         path.write_text(text, "utf-8")
-        told = [one._replace(at=one.at._replace(file=path.name)) for one in check_file(str(path)).problems]
-        problems = [str(problem) for problem in told if not problem.warning]
-        warnings = tuple(str(problem) for problem in told if problem.warning)
+        reported = [one._replace(at=one.at._replace(file=path.name)) for one in check_file(str(path)).problems]
+        problems = [str(problem) for problem in reported if not problem.warning]
+        warnings = tuple(str(problem) for problem in reported if problem.warning)
         if problems:
             return Draft(name, text, "", tuple(problems), warnings)
         codec = compile_protocol(load_protocol(path))

@@ -50,8 +50,8 @@ def topic(group: str, name: str, what: str) -> str:
 def signature(token: str, group: str, name: str, number: str, identity: str, file: bytes) -> str:
     """Return the signature of a rolled file, made with the token."""
     parts = (group.encode(), name.encode(), number.encode(), identity.encode(), hashlib.sha256(file).digest())
-    said = b"".join(len(part).to_bytes(4, "big") + part for part in parts)
-    return hmac.new(token.encode(errors="surrogateescape"), said, hashlib.sha256).hexdigest()
+    signed = b"".join(len(part).to_bytes(4, "big") + part for part in parts)
+    return hmac.new(token.encode(errors="surrogateescape"), signed, hashlib.sha256).hexdigest()
 
 
 def as_message(data: Mapping[str, Any]) -> bytes:
@@ -91,9 +91,9 @@ class Member:
         """Return whether it counts as online without a sign of life for `STALE_AFTER` seconds, by the clocks of both
         sides.
         """
-        said = self.health.get("at")
+        at = self.health.get("at")
         try:
-            age = time.time() - datetime.fromisoformat(said if isinstance(said, str) else "").timestamp()
+            age = time.time() - datetime.fromisoformat(at if isinstance(at, str) else "").timestamp()
         except (ValueError, OverflowError):
             return False
         return self.online and age > STALE_AFTER
@@ -235,8 +235,8 @@ class Fleet:
             key = (name, identity)
             with self._state:
                 self._state.wait_for(partial(self._is_answered, key), max(0.0, until - time.monotonic()))
-                said = self._answers.pop(key)
-            found[name] = _answer(name, said, within)
+                reply = self._answers.pop(key)
+            found[name] = _answer(name, reply, within)
         return [found[name] for name in dict.fromkeys(names)]
 
     def _is_answered(self, key: tuple[str, str]) -> bool:
@@ -272,10 +272,10 @@ class Fleet:
         name, _, what = message.topic.removeprefix(f"{self.group}/").partition("/")
         with self._state:
             if what == ROLLED:
-                said = from_message(message.payload)
-                key = name, str(said.get("id"))
+                answer = from_message(message.payload)
+                key = name, str(answer.get("id"))
                 if key in self._answers:
-                    self._answers[key] = said
+                    self._answers[key] = answer
                     self._state.notify_all()
                 return
             member = self.members.setdefault(name, Member(name))
@@ -293,8 +293,8 @@ def _answer(name: str, said: Mapping[str, Any] | None, within: float) -> Gateway
         what = f"it has not answered within {within:g} s; it may have applied the file, as the list shows"
         return GatewayAnswer(name, False, problems=(what,), answered=False)
     problems = said.get("problems")
-    told = tuple(str(one) for one in problems) if isinstance(problems, list) else ()
-    return GatewayAnswer(name, said.get("ok") is True, str(said.get("how", "")), told)
+    sentences = tuple(str(one) for one in problems) if isinstance(problems, list) else ()
+    return GatewayAnswer(name, said.get("ok") is True, str(said.get("how", "")), sentences)
 
 
 def file_of(path: Path) -> bytes:

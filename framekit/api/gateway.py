@@ -213,19 +213,19 @@ class Gateway:
             return
         if data.get("instance") != self._instance:
             return  # it is for another gateway with the same name
-        said = {"id": identity[:64].encode(errors="backslashreplace").decode()}
+        answer = {"id": identity[:64].encode(errors="backslashreplace").decode()}
         content = text.encode(errors="backslashreplace")
-        wanted = signature(self._token, self.fleet.group, self.name, self._number, said["id"], content)
+        wanted = signature(self._token, self.fleet.group, self.name, self._number, answer["id"], content)
         if not self._number or not hmac.compare_digest(wanted.encode(), signed.encode(errors="backslashreplace")):
             log.warning("fleet: a file that was rolled out is not signed with the token, or was sent before")
-            self._answer(said, problems=["it is not signed with the token of this gateway, or was sent before"])
+            self._answer(answer, problems=["it is not signed with the token of this gateway, or was sent before"])
             return
         self._number = ""
         if self._rolling is not None or self.next_run is not None:
             self._bear()
-            self._answer(said, problems=["another file is being applied – try again"])
+            self._answer(answer, problems=["another file is being applied – try again"])
             return
-        self._rolling = said
+        self._rolling = answer
         task = self._loop.create_task(self._roll(content))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
@@ -341,10 +341,10 @@ class Gateway:
 
     def _end_rolling(self, how: str, problems: list[str] | None = None) -> None:
         """Answer the sender of the rolled file, after publishing the birth with a new number."""
-        said, self._rolling = self._rolling, None
+        answer, self._rolling = self._rolling, None
         self._bear()
-        if said is not None:
-            self._answer(said, how, problems)
+        if answer is not None:
+            self._answer(answer, how, problems)
 
     def _answer(self, said: dict[str, Any], how: str = "", problems: list[str] | None = None) -> None:
         data = said | {"ok": not problems, "how": how, "problems": problems or []}

@@ -216,10 +216,10 @@ def reading_of(name: str | Path, chunks: Sequence[HeardBytes]) -> DefinitionRead
     data: dict[str, Any] = {"frames": counts["frame"], "bad": counts["bad"], "noise": noise, "fields": {}}
     for frame, columns in fields.items():
         for key, values in columns.items():
-            told = _behaviour(key, values, columns)
-            if told:
-                lines.append(f"{frame}.{key}: {told}")
-                data["fields"][f"{frame}.{key}"] = told
+            behaviour = _behaviour(key, values, columns)
+            if behaviour:
+                lines.append(f"{frame}.{key}: {behaviour}")
+                data["fields"][f"{frame}.{key}"] = behaviour
     points = heard_points(name, chunks)
     lines += [f"{point.name}: {point.told}" for point in points]
     data["values"] = {point.name: point.values for point in points}

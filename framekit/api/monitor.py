@@ -561,11 +561,11 @@ class _Trial(PortEvents):
 
     def _validate_time(self) -> None:
         expected, measured = self._result.expected_time, self._result.measured_time
-        told = f"{measured / 1e6:.1f} ms instead of {expected / 1e6:.1f} ms"
+        duration = f"{measured / 1e6:.1f} ms instead of {expected / 1e6:.1f} ms"
         if measured > SLOW * expected + PATIENCE:
-            self._result.problems.append(f"it took {told}: the line is slower than set")
+            self._result.problems.append(f"it took {duration}: the line is slower than set")
         elif measured * SLOW < expected:
-            self._result.remarks.append(f"it took {told}: bytes have no bit times here")
+            self._result.remarks.append(f"it took {duration}: bytes have no bit times here")
 
 
 # ---- on ports ---------------------------------------------------------------------------------------------

@@ -135,17 +135,17 @@ class RunPoint:
 
         Raise NoReplyError after `timeout` seconds.
         """
-        told: asyncio.Future[PointValue] = asyncio.get_running_loop().create_future()
+        change: asyncio.Future[PointValue] = asyncio.get_running_loop().create_future()
 
         def listen(value: PointValue) -> None:
-            if value.name == self.name and not told.done():
-                told.set_result(value)
+            if value.name == self.name and not change.done():
+                change.set_result(value)
 
         listeners = self._service.table.listeners
         listeners.append(listen)
         try:
             async with asyncio.timeout(timeout):
-                return await told
+                return await change
         except TimeoutError:
             raise NoReplyError(f"'{self.name}' has not changed within {timeout:g} s", "timeout") from None
         finally:

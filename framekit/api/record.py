@@ -307,9 +307,9 @@ class ByteRows:
         if event.kind == "data":
             return self._add_bytes(heard)
         rows = self.end_row()
-        told = {"open": "open", "closed": f"closed {event.reason}".rstrip(), "break": "break"}
+        words = {"open": "open", "closed": f"closed {event.reason}".rstrip(), "break": "break"}
         lines = ", ".join(f"{name} {'on' if on else 'off'}" for name, on in event.lines.items())
-        rows.append(f"{self._times(heard.begin)}  {ARROWS[heard.wire]} {told.get(event.kind, lines)}")
+        rows.append(f"{self._times(heard.begin)}  {ARROWS[heard.wire]} {words.get(event.kind, lines)}")
         self._last = heard.end if event.kind == "break" else self._last
         return rows
 
@@ -349,8 +349,8 @@ class ByteRows:
 
     def _times(self, at: int, *, is_first: bool = True) -> str:
         pause = self._pause_before(at) if is_first else 0
-        told = readable_time(round(pause, -5)) if pause else ""
-        return f"{(at - self._began) / 1e9:10.3f} {told:>10}"
+        shown = readable_time(round(pause, -5)) if pause else ""
+        return f"{(at - self._began) / 1e9:10.3f} {shown:>10}"
 
 
 def heard_data(heard: Heard, began: int) -> dict[str, Any]:

@@ -59,8 +59,8 @@ def stored_words(service: RunService) -> list[tuple[str, str]]:
         for place, bits in _stored_by(service, state.block) if state.done else ():
             area = service.memory.area(place.address.area)
             first = place.address.first_bit // 16
-            there = -(-area.size_bits // 8) - 2 * first  # the last word may be half a word
-            data = area.read_bytes(2 * first, min(2 * max(1, bits // 16), 2 * MOST_WORDS, there))
+            available = -(-area.size_bits // 8) - 2 * first  # the last word may be half a word
+            data = area.read_bytes(2 * first, min(2 * max(1, bits // 16), 2 * MOST_WORDS, available))
             words = (data[at : at + 2] for at in range(0, len(data), 2))
             found.append((place.text, " ".join(f"{int.from_bytes(word, 'little'):04X}" for word in words)))
     return found
@@ -239,16 +239,16 @@ class RunCalls:
         self._tap(number, channel)
 
     def _seen(self, channel: int, seen: Seen) -> None:
-        told = self._told_seen
-        if told is not None:
-            self._clock.call_soon(lambda: told(channel, seen))
+        callback = self._told_seen
+        if callback is not None:
+            self._clock.call_soon(lambda: callback(channel, seen))
 
     def _ended(self, state: BlockState, ok: bool) -> None:
-        told, status = self._told_end, status_of(state)
+        callback, status = self._told_end, status_of(state)
         for listener in list(self._listeners):
             listener(status, ok)
-        if told is not None:
-            self._clock.call_soon(lambda: told(status, ok))
+        if callback is not None:
+            self._clock.call_soon(lambda: callback(status, ok))
 
     def _begin(self) -> None:
         """Start the run, unless it has been started. Call it in the thread of the run. Raises RequestError."""

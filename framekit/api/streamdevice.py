@@ -138,7 +138,7 @@ class _StreamWriter:
 
         The reason of a failure is noted.
         """
-        told = len(self.left_out)
+        before = len(self.left_out)
         bodies: list[StreamBody | None] = []
         for command in commands:
             try:
@@ -146,7 +146,7 @@ class _StreamWriter:
             except CannotSayError as error:
                 one = error.problem
                 self.left_out.append(Problem(one.at, f"{one.what}: {named(protocol.name)} is left out", one.todo))
-        if len(self.left_out) > told:
+        if len(self.left_out) > before:
             return False
         words = [command.word for command in commands]
         if not {"in", "out"} & set(words):

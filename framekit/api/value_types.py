@@ -98,9 +98,9 @@ def _value(segment: Segment, name: str) -> Schema:
         return {"type": "string"}
     type_ = segment.number_type
     if type_ is not None:
-        told = _typed(type_)
+        schema = _typed(type_)
         limits = segment.span if isinstance(segment, Field) else None
-        return _whole(limits) if told["type"] == "integer" else told
+        return _whole(limits) if schema["type"] == "integer" else schema
     kind = dict(segment.value_kinds()).get(name, "any")
     kinds: dict[str, Schema] = {"bytes": _BYTES, "text": {"type": "string"}, "number": {"type": "integer"}}
     return kinds.get(kind, {})

@@ -48,7 +48,7 @@ def vector_problems(vectors: Vectors, protocol: Protocol) -> list[Problem]:
     """Return a problem for every name in the cases that the protocol or the memory lacks."""
     problems = check_vectors(vectors, protocol)
     _, here = memory_of(protocol)
-    there = AddressGrammar(protocol.addresses, protocol.areas, protocol.tables)
+    grammar = AddressGrammar(protocol.addresses, protocol.areas, protocol.tables)
     for case in vectors.conversations:
         asked = [
             (key, text)
@@ -56,7 +56,7 @@ def vector_problems(vectors: Vectors, protocol: Protocol) -> list[Problem]:
             for text in _addresses((case.do or {}).get(key))
             if key in protocol.services
         ]
-        problems += _no_addresses(case, there, [(f"do.{key}", text) for key, text in asked])
+        problems += _no_addresses(case, grammar, [(f"do.{key}", text) for key, text in asked])
         problems += _no_addresses(case, here, [(f"memory.{text}", text) for text in case.memory])
         problems += _no_addresses(case, here, [("result", text) for text in case.result.memory])
     return problems

@@ -65,8 +65,8 @@ def _new_capture(text: str) -> Path:
     from framekit.api.monitor import written_over
 
     path = Path(text)
-    if (there := written_over(path)) is not None:
-        raise argparse.ArgumentTypeError(f"{there} is there already – name another file, or delete it first")
+    if (old_file := written_over(path)) is not None:
+        raise argparse.ArgumentTypeError(f"{old_file} is there already – name another file, or delete it first")
     return path
 
 
@@ -593,8 +593,10 @@ class ProgressLine:
         began, wait, width = time.monotonic(), self._after, 0
         while not self._over.wait(wait):
             wait = SHOWN_EVERY
-            said = self.says()
-            text = printable(f"{self._what}: {time.monotonic() - began:.0f} s{f', {said}' if said else ''}")[:WIDEST]
+            progress = self.says()
+            text = printable(f"{self._what}: {time.monotonic() - began:.0f} s{f', {progress}' if progress else ''}")[
+                :WIDEST
+            ]
             self._stream.write("\r" + text.ljust(width))
             self._stream.flush()
             width = len(text)

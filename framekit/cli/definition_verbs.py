@@ -440,15 +440,15 @@ def run_check(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print_json([{"file": name, **_file_as_json(checked)} for name, checked in results])
         return status
-    told: set[str] = set()
+    shown: set[str] = set()
     for name, checked in results:
         lines = list(told_once(checked.problems))
         for line in lines:
-            if line not in told:
+            if line not in shown:
                 print(line, file=sys.stderr)
-        if lines and told.issuperset(lines):  # such as of a device and its protocol
+        if lines and shown.issuperset(lines):  # such as of a device and its protocol
             print(f"{name}: what is wrong has been told above", file=sys.stderr)
-        told.update(lines)
+        shown.update(lines)
         if not any(not problem.warning for problem in checked.problems):
             print(f"{name}: {checked.what}")
             _show_loads(checked, arguments.load)

@@ -196,8 +196,8 @@ def watch(fleet: Fleet, arguments: argparse.Namespace, changed: queue.SimpleQueu
             changed.get(timeout=left)
         if connected != fleet.connected:
             connected = fleet.connected
-            said = "is there again" if connected else "has gone; nothing is known of gateways until it is there again"
-            print(f"framekit fleet: the broker {fleet.access} {said}", file=sys.stderr, flush=True)
+            change = "is there again" if connected else "has gone; nothing is known of gateways until it is there again"
+            print(f"framekit fleet: the broker {fleet.access} {change}", file=sys.stderr, flush=True)
         for member in wanted(fleet, arguments):
             row = row_of(member)
             if row == shown.get(member.name):

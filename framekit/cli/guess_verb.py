@@ -122,7 +122,7 @@ def _of_guess(arguments: argparse.Namespace, chunks: list[HeardBytes], page: Web
     from framekit.api.hex_table import guessed_table
     from framekit.web.hex_session import HexBoard
 
-    told = [
+    known_statements = [
         Statement(f"this is {one.name} – --with {one.name} shows its fields", Evidence(one.covered, one.of), False)
         for one in known
     ]
@@ -131,7 +131,7 @@ def _of_guess(arguments: argparse.Namespace, chunks: list[HeardBytes], page: Web
         names = NamedGuess(found, name, source, arguments.write) if found.kinds else None
     except DraftError as error:
         raise VerbError(str(error)) from None
-    board = HexBoard(source, guessed_table(found), [*told, *found.statements], names)
+    board = HexBoard(source, guessed_table(found), [*known_statements, *found.statements], names)
     _show(arguments, page, board, tell, "name fields" if names is not None else "")
     return 0
 

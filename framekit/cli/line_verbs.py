@@ -258,8 +258,8 @@ async def _replay(arguments: argparse.Namespace, line: LineFormat, events: list[
         )  # fmt: skip
     seconds = (sent.ended_at - sent.began) / 1e9 if sent.began else 0.0
     if arguments.json:
-        told = {"sent": sent.bytes_sent, "pieces": sent.pieces_sent, "of": sent.pieces}
-        print_json(told | {"received": sent.bytes_received, "seconds": round(seconds, 6), "reason": reason})
+        data = {"sent": sent.bytes_sent, "pieces": sent.pieces_sent, "of": sent.pieces}
+        print_json(data | {"received": sent.bytes_received, "seconds": round(seconds, 6), "reason": reason})
     else:
         pieces = f"{sent.pieces_sent} of {sent.pieces} pieces"
         gone, came = plural(sent.bytes_sent, "byte"), plural(sent.bytes_received, "byte")
@@ -309,8 +309,8 @@ def _lines(arguments: argparse.Namespace) -> list[LineFormat]:
 
 
 def _row(result: LoopbackResult) -> tuple[str, ...]:
-    told = "; ".join(("passed" if result.passed else "failed: " + "; ".join(result.problems), *result.remarks))
-    return str(result.line), str(result.sent), str(result.received), f"{result.measured_time / 1e6:.1f} ms", told
+    verdict = "; ".join(("passed" if result.passed else "failed: " + "; ".join(result.problems), *result.remarks))
+    return str(result.line), str(result.sent), str(result.received), f"{result.measured_time / 1e6:.1f} ms", verdict
 
 
 def _data(result: LoopbackResult) -> dict[str, Any]:

@@ -114,13 +114,13 @@ class Parser(argparse.ArgumentParser):
 
     def refuse(self, unknown: Sequence[str]) -> NoReturn:
         """End with a message about words that the parser does not know."""
-        told = self._unknown(unknown)
-        self.error("; ".join(told) or f"nothing takes {', '.join(repr(word) for word in unknown)}")
+        messages = self._unknown(unknown)
+        self.error("; ".join(messages) or f"nothing takes {', '.join(repr(word) for word in unknown)}")
 
     def _unknown(self, words: Sequence[str]) -> list[str]:
         """Return a sentence for each word with the form of an option that this parser does not have."""
         known = [option for action in self._actions for option in action.option_strings]
-        told = []
+        messages = []
         for word in words:
             option = word.partition("=")[0]
             if option == "--":
@@ -128,8 +128,8 @@ class Parser(argparse.ArgumentParser):
             if not re.match(_OPTION, option) or any(one.startswith(option) or one == option[:2] for one in known):
                 continue
             near = _MEANT.get(option) or _near(option, known)
-            told.append(f"there is no option '{option}'" + (f" – {near}" if near else ""))
-        return told
+            messages.append(f"there is no option '{option}'" + (f" – {near}" if near else ""))
+        return messages
 
 
 _OPTION = r"-[^\s\d.]\S*$"

@@ -190,12 +190,12 @@ def _summary(arguments: argparse.Namespace, recorder: Recorder) -> None:
         counts, share = wire.counts, load.share(time.monotonic_ns())
         sees = wire.port.sees_damage or counts.framing or counts.parity or counts.breaks
         if arguments.json:
-            told: dict[str, Any] = {"event": "line", "port": url, "bytes": counts.bytes}
+            data: dict[str, Any] = {"event": "line", "port": url, "bytes": counts.bytes}
             if sees:
-                told |= {"framing": counts.framing, "parity": counts.parity, "breaks": counts.breaks}
+                data |= {"framing": counts.framing, "parity": counts.parity, "breaks": counts.breaks}
             if counts.overruns:
-                told["overruns"] = counts.overruns
-            print_json(told | {"line_measured": None if share is None else round(share, 6)})
+                data["overruns"] = counts.overruns
+            print_json(data | {"line_measured": None if share is None else round(share, 6)})
             continue
         parts = [plural(counts.bytes, "byte")]
         if sees:

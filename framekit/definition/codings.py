@@ -139,7 +139,7 @@ class Escaped(Coding):
             what = f"the escape byte {self.escape:02X} itself is not escaped"
             todo = "put it into bytes" if self.flip is not None else "give it a code too"
             yield Problem(self.at, what, todo)
-        behind = [code for _, code in self.codes]
+        replacements = [code for _, code in self.codes]
         for byte, code in self.codes:
             if [other for other, _ in self.codes].count(byte) > 1:
                 yield Problem(self.at, f"{byte:02X} is to be escaped twice", "give each byte once")
@@ -147,7 +147,7 @@ class Escaped(Coding):
             if code in self.escaped:
                 what = f"{byte:02X} is sent as {self.escape:02X} {code:02X}, and {code:02X} is to be escaped itself"
                 yield Problem(self.at, what, "choose another code or xor; escape: alone doubles the escape byte")
-            elif behind.count(code) > 1:
+            elif replacements.count(code) > 1:
                 yield Problem(self.at, f"{code:02X} is the code of several bytes", "give each one of its own")
                 return
 

@@ -52,9 +52,9 @@ class DecimalForm:
         """Return the number of characters of the shortest number."""
         if self.empty:
             return 0
-        behind = self.decimals + 1 if self.decimals else int(self.point)
+        fraction = self.decimals + 1 if self.decimals else int(self.point)
         signs = self.sign in ("always", "space")
-        return signs + max(self.digits, 0 if self.decimals else 1) + behind + (self.exponent and self.exponent + 2)
+        return signs + max(self.digits, 0 if self.decimals else 1) + fraction + (self.exponent and self.exponent + 2)
 
     @property
     def contents(self) -> frozenset[int]:
@@ -200,8 +200,8 @@ def load_scale(reader: Reader, keys: Keys) -> Scale | None:
     if not factor:
         raise reader.broken(scale_node.at, "a scale of 0 leaves nothing of the number", "correct it")
     pairs = [whole_and_places(one) for one in (factor, offset)]
-    places = max(behind for _, behind in pairs)
-    times, more = (whole * 10 ** (places - behind) for whole, behind in pairs)
+    places = max(digits for _, digits in pairs)
+    times, more = (whole * 10 ** (places - digits) for whole, digits in pairs)
     return Scale(times, more, places)
 
 

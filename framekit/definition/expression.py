@@ -310,8 +310,8 @@ def inverse_steps(expression: Expression) -> tuple[str, tuple[Undone, ...]] | No
 
 def tells_setting(value: Expression, parameters: Collection[str]) -> bool:
     """Return whether the value of one of these parameters can be computed from a field with this value."""
-    told = inverse_steps(value)
-    return told is not None and told[0] in parameters
+    steps = inverse_steps(value)
+    return steps is not None and steps[0] in parameters
 
 
 def both(first: Expression, second: Expression | None) -> Expression:

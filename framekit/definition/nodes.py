@@ -256,16 +256,16 @@ def _without_version(node: Node, noted: list[Problem] | None) -> Node:
     Raise DefinitionError or note an unsupported version.
     """
     entries = node.entries if isinstance(node, Mapping) else ()
-    said = next((entry for entry in entries if entry.key.text == "framekit"), None)
-    if said is None or not isinstance(node, Mapping):
+    declared = next((entry for entry in entries if entry.key.text == "framekit"), None)
+    if declared is None or not isinstance(node, Mapping):
         return node
-    value = said.value.text if isinstance(said.value, Scalar) else "a list or mapping"
+    value = declared.value.text if isinstance(declared.value, Scalar) else "a list or mapping"
     if value != str(LANGUAGE):
         newer = re.fullmatch(r"[0-9]{1,9}", value) is not None and int(value) > LANGUAGE
         shown = value if len(value) <= 20 else f"{value[:20]}…"
         what = f"this is version {shown} of the language" if newer else f"'{shown}' is no version of the language"
         todo = "install a newer framekit, which reads it" if newer else f"write framekit: {LANGUAGE}"
-        problem = Problem(said.value.at, what, todo)
+        problem = Problem(declared.value.at, what, todo)
         if noted is None:
             raise DefinitionError([problem])
         noted.append(problem)

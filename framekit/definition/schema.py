@@ -560,8 +560,8 @@ def add_kind_of(kind: Kind, thing: str, key: str, schema: dict[str, Any], module
     if both is not None:
         raise ValueError(f"the key '{both}' of '{key}' is a kind of {thing} itself – take another word")
     others = [one for title, one in known.items() if title.endswith(end) and title != name]
-    there = name in known or any(key in one.get("properties", ()) for one in others)
-    bring_word(f"key of a {thing}", key, module, there)
+    exists = name in known or any(key in one.get("properties", ()) for one in others)
+    bring_word(f"key of a {thing}", key, module, exists)
     if name not in known:
         known[thing]["oneOf"].append({"required": [key]})
         known[thing]["dependentSchemas"][key] = {"$ref": f"{kind}{_SUFFIX}{_DEFINITION}{name}"}

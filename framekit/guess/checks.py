@@ -205,24 +205,24 @@ def _places(frames: Sequence[bytes], start: int, tail: int) -> Iterator[CheckPla
     shortest = sorted(map(len, frames))[len(frames) // 4]  # a few may be cut
     tails = dict.fromkeys((tail, *range(LARGEST_TAIL + 1)))
     starts = list(dict.fromkeys((0, start, *range(LARGEST_START + 1))))
-    for behind in tails:
+    for after in tails:
         for size in (2, 1, 4, 3):
-            for stop in _stops(frames, size + behind):
+            for stop in _stops(frames, size + after):
                 for first in starts:
-                    if first + stop + size + behind >= shortest:
+                    if first + stop + size + after >= shortest:
                         continue
                     orders: tuple[Order, ...] = ("big",) if size == 1 else ("little", "big")
                     for order in orders:
-                        yield CheckPlace(size, order, tail=behind, start=first, stop=stop)
-        if all(_digits(frame[len(frame) - behind - 2 : len(frame) - behind]) for frame in frames[:20]):
+                        yield CheckPlace(size, order, tail=after, start=first, stop=stop)
+        if all(_digits(frame[len(frame) - after - 2 : len(frame) - after]) for frame in frames[:20]):
             for size in (4, 2, 8, 6):
-                for stop in _stops(frames, size + behind):
+                for stop in _stops(frames, size + after):
                     for first in starts[:4]:
-                        if first + stop + size + behind >= shortest:
+                        if first + stop + size + after >= shortest:
                             continue
                         orders = ("big",) if size == 2 else ("big", "little")
                         for order in orders:
-                            place = CheckPlace(size, order, "hex", behind, start=first, stop=stop)
+                            place = CheckPlace(size, order, "hex", after, start=first, stop=stop)
                             yield place
                             yield replace(place, counted="hex")
     for at in range(start, min(start + LARGEST_START, shortest - 3)):
@@ -498,8 +498,8 @@ def _by_algebra(place: CheckPlace, frames: Sequence[bytes]) -> Iterator[CheckGue
         tried: set[int] = set()
         for turn in range(3):
             some = pairs[turn::3] if len(pairs) >= 12 else pairs
-            told = [difference(one.data, two.data, one.code ^ two.code, width, mirrored) for one, two in some[:6]]
-            differences = [one for one in told if one]
+            multiples = [difference(one.data, two.data, one.code ^ two.code, width, mirrored) for one, two in some[:6]]
+            differences = [one for one in multiples if one]
             if len(differences) < 2:
                 continue
             for poly in polynomials(differences, width):

@@ -89,11 +89,11 @@ def starts_of(
     """
 
     def xorout_of(init: int) -> tuple[int, float]:
-        told = Counter[int]()
+        counts = Counter[int]()
         for size, (rest, often) in rests.items():
-            told[rest ^ plain_crc(bytes(size), width, poly, refin, refout, init)] += often
-        best, often = told.most_common(1)[0]
-        return best, often / told.total()
+            counts[rest ^ plain_crc(bytes(size), width, poly, refin, refout, init)] += often
+        best, often = counts.most_common(1)[0]
+        return best, often / counts.total()
 
     found = [(init, *xorout_of(init)) for init in dict.fromkeys(likely)]
     yield from ((init, xorout) for init, xorout, share in found if share == 1)
@@ -133,8 +133,8 @@ def _solved(rests: Mapping[int, int], width: int, poly: int, refin: bool, refout
             if top not in pivots:
                 pivots[top] = row, value
                 break
-            other, told = pivots[top]
-            row, value = row ^ other, value ^ told
+            other, other_value = pivots[top]
+            row, value = row ^ other, value ^ other_value
         else:
             if value:
                 return

@@ -76,14 +76,14 @@ class AskedTold(NamedTuple):
 def shape_of(framing: Framing, check: CheckGuess | None, texts: Sequence[bytes]) -> FrameShape:
     """Return the sizes of the parts before and after the content."""
     has_marks = framing.kind in ("marks", "length")
-    behind, end = framing.behind, framing.plain_end
+    after, end = framing.behind, framing.plain_end
     has_marks = has_marks and all(
-        one.startswith(framing.start) and one[: len(one) - behind].endswith(end) for one in texts
+        one.startswith(framing.start) and one[: len(one) - after].endswith(end) for one in texts
     )
-    tail = len(end) + behind if has_marks else 0
+    tail = len(end) + after if has_marks else 0
     if check is not None and check.place.at is None:
         tail = max(tail, check.place.behind)
-    return FrameShape(len(framing.start) if has_marks else 0, tail, behind if has_marks else 0)
+    return FrameShape(len(framing.start) if has_marks else 0, tail, after if has_marks else 0)
 
 
 def directed(frames: Sequence[HeardFrame], plain: Sequence[bytes]) -> tuple[list[str], float]:
@@ -210,11 +210,11 @@ def _turned(pairs: Sequence[AskedTold], shape: FrameShape, known: set[int]) -> f
         values = {pair.request[asked] for pair in pairs}
         if asked in known or not 2 <= len(values) <= min(MOST_KINDS, len(pairs) // 2):
             continue
-        for told in places:
-            bits = Counter(pair.request[asked] ^ pair.reply[told] for pair in pairs)
-            if told not in known and bits.most_common(1)[0][1] >= 0.8 * len(pairs):
-                found.add(told)
-                found |= {asked} if asked == told else set()
+        for replied in places:
+            bits = Counter(pair.request[asked] ^ pair.reply[replied] for pair in pairs)
+            if replied not in known and bits.most_common(1)[0][1] >= 0.8 * len(pairs):
+                found.add(replied)
+                found |= {asked} if asked == replied else set()
     return frozenset(found)
 
 
@@ -270,8 +270,8 @@ def kinds_of(
         groups = _by_function([(number, sides[number]) for number in own], plain, shape, known, hints)
         heads = {plain[number][shape.head : shape.head + 1] for number in own}
         rule_form = {shape.head} if len(checks) > 1 and len(heads) == 1 else set[int]()
-        asked, told = ([plain[number] for number in own if sides[number] == side] for side in CLIENT_SERVER)
-        forms = frozenset(_telling(asked, told, shape) - known - set(copies) | rule_form)
+        asked, replies = ([plain[number] for number in own if sides[number] == side] for side in CLIENT_SERVER)
+        forms = frozenset(_telling(asked, replies, shape) - known - set(copies) | rule_form)
         for (side, value, place), numbers in groups.items():
             name = {"client": "asked", "server": "told"}.get(side, "frame")
             name = name if value is None else f"{name}_{value:02x}"
@@ -423,12 +423,12 @@ def fields_of(
         found.append(
             GuessedField("check", -(check.place.tail + check.place.size), check.place.size, "check", check.name)
         )
-        behind = check.place.tail
+        end_size = check.place.tail
     else:
-        behind = shape.tail
-    if behind:
+        end_size = shape.tail
+    if end_size:
         found.append(
-            GuessedField("end", -behind, behind, "constant", texts[0][len(texts[0]) - behind :].hex(" ").upper())
+            GuessedField("end", -end_size, end_size, "constant", texts[0][len(texts[0]) - end_size :].hex(" ").upper())
         )
     return tuple(_named(field, names) for field in found)
 

@@ -281,15 +281,15 @@ def _hypotheses(texts: Sequence[bytes], streams: Sequence[PieceStream]) -> Itera
 
 def _codes_behind(texts: Sequence[bytes], end: bytes, streams: Sequence[PieceStream]) -> Iterator[Framing]:
     """Yield framings by marks that begin with one escape byte and have a check code after the end mark."""
-    for behind in (2, 1):
-        bodies = [text[:-behind] for text in texts if len(text) > behind + 2 * MOST_MARK]
+    for code_size in (2, 1):
+        bodies = [text[:-code_size] for text in texts if len(text) > code_size + 2 * MOST_MARK]
         if len(bodies) < FEW:
             continue
         first, last = _common(bodies)
         first, last = first[:MOST_MARK], last[-MOST_MARK:]
         if len(first) == len(last) == MOST_MARK and first[0] == last[0] and first != last != end[-MOST_MARK:]:
             found = [
-                one for one in _with_stuffing(Framing("marks", first, last, behind=behind), streams) if one.stuffing
+                one for one in _with_stuffing(Framing("marks", first, last, behind=code_size), streams) if one.stuffing
             ]
             yield from found
 
@@ -404,8 +404,8 @@ def readings_of(length: LengthField, frames: Sequence[HeardFrame]) -> list[Lengt
     if length.form != "binary" or length.width > 2:
         return []
     narrow = replace(length, offset=low, width=1, order="big")
-    before, behind = replace(narrow, offset=low - 1, width=2), replace(narrow, width=2, order="little")
-    found = [one for one in (narrow, before, behind) if one != length and one.offset >= 0]
+    before, after = replace(narrow, offset=low - 1, width=2), replace(narrow, width=2, order="little")
+    found = [one for one in (narrow, before, after) if one != length and one.offset >= 0]
     return [one for one in found if _fitting(one, frames) >= 0.9 * len(frames)]
 
 

@@ -336,8 +336,8 @@ def _of_pieces(pieces: Sequence[HeardBytes]) -> Statement:
 def _of_framing(cut: CutLine) -> Iterator[Statement]:
     framing, frames = cut.framing, cut.frames
     marks = [f"begins with {_hex(framing.start)}"] * bool(framing.start)
-    behind = f", and {plural(framing.behind, 'byte')} behind it" if framing.behind else ""
-    marks += [f"ends with {_hex(framing.end)}{behind}"] * bool(framing.end)
+    after = f", and {plural(framing.behind, 'byte')} behind it" if framing.behind else ""
+    marks += [f"ends with {_hex(framing.end)}{after}"] * bool(framing.end)
     alike = Evidence(
         sum(
             one.data.startswith(framing.start) and one.data.endswith(framing.end, 0, len(one.data) - framing.behind)

@@ -182,8 +182,8 @@ def _named(kind: FrameKind, texts: Sequence[bytes], naming: FieldNaming) -> Fram
             belong = "belongs" if size == 1 else "belong"
             raise NamingError(f"{where} of '{kind.name}' {belong} to {kept} – choose other bytes")
     shortest = min(map(len, texts))
-    behind = sum(field.size for field in kind.fields if field.offset < 0)
-    if not touched or (size and naming.end > shortest - behind):
+    tail = sum(field.size for field in kind.fields if field.offset < 0)
+    if not touched or (size and naming.end > shortest - tail):
         raise NamingError(f"not all frames of '{kind.name}' have {where} – choose bytes that all of them have")
     counted = 0 if kind.check is None or kind.check.place.at is not None else kind.check.place.start
     if naming.offset < counted < naming.end:

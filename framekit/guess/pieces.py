@@ -115,8 +115,8 @@ def signals_of(texts: Sequence[bytes]) -> frozenset[bytes]:
     heads = Counter(text[:2] for text in longer)
     found = set[bytes]()
     for signal in short:
-        behind = [text[len(signal) :] for text in longer if text.startswith(signal)]
-        alone = sum(heads[text[:2]] < LEAST_SIGNALS or text[:2] == signal[:2] for text in behind)
+        rests = [text[len(signal) :] for text in longer if text.startswith(signal)]
+        alone = sum(heads[text[:2]] < LEAST_SIGNALS or text[:2] == signal[:2] for text in rests)
         ends = sum(text.endswith(signal) for text in longer)
         if longer and alone <= 0.1 * often[signal] and ends <= 0.1 * len(longer):
             found.add(signal)

@@ -161,14 +161,14 @@ def _answers(frames: Sequence[TimedFrame], asked: Sequence[int]) -> list[AnswerT
             kinds[frames[number].kind].append(number)
     found = []
     for kind, numbers in kinds.items():
-        told = Counter[str]()
+        replies = Counter[str]()
         delays = []
         for number in numbers:
             if number + 1 < len(frames) and frames[number + 1].side == "server":
-                told[frames[number + 1].kind or "a damaged frame"] += 1
+                replies[frames[number + 1].kind or "a damaged frame"] += 1
                 delay = _between(frames[number], frames[number + 1])
                 delays += [delay] if delay is not None else []
-        found.append(AnswerTimes(kind, tuple(told.most_common()), len(numbers), _spread(delays)))
+        found.append(AnswerTimes(kind, tuple(replies.most_common()), len(numbers), _spread(delays)))
     return found
 
 

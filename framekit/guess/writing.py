@@ -235,11 +235,13 @@ def _data(field: GuessedField, kind: FrameKind, framing: Framing, sized: Guessed
 
 def _end_of_text(field: GuessedField, kind: FrameKind, framing: Framing) -> bytes:
     """Return the constant bytes after a text that never occur within it; empty if none exist or bytes are stuffed."""
-    behind = kind.fields[kind.fields.index(field) + 1 :]
-    is_mark = bool(behind) and behind[0].kind == "constant" and (behind[0].name == "end" or behind[0].is_mark)
+    following = kind.fields[kind.fields.index(field) + 1 :]
+    is_mark = (
+        bool(following) and following[0].kind == "constant" and (following[0].name == "end" or following[0].is_mark)
+    )
     if not is_mark or framing.stuffing is not None:
         return b""
-    end, after = bytes.fromhex(behind[0].about), sum(one.size for one in behind)
+    end, after = bytes.fromhex(following[0].about), sum(one.size for one in following)
     texts = (frame.data[field.offset : len(frame.data) - after] for frame in kind.frames)
     return b"" if any(end[:1] in text for text in texts) else end
 

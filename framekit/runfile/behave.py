@@ -155,13 +155,13 @@ class BehaveLoader:
             what, todo = parted(error)
             known = did_you_mean(text, self._named)
             raise self.reader.broken(part.at, what, known if known.startswith("did you mean") else todo) from None
-        there = self._at.get((address.area, address.first_bit))
-        if there is None or not _is_at(there, address):
-            there = self._points.own_point(Scalar(text, part.at), ())
-            self._check_no_part_behaves(part, there)
-        if there.form.bounds is None:
+        owner = self._at.get((address.area, address.first_bit))
+        if owner is None or not _is_at(owner, address):
+            owner = self._points.own_point(Scalar(text, part.at), ())
+            self._check_no_part_behaves(part, owner)
+        if owner.form.bounds is None:
             raise self.reader.broken(part.at, f"{text} holds text", "name a number")
-        self._names[text] = there
+        self._names[text] = owner
 
     def _check_no_part_behaves(self, part: Name, there: Point) -> None:
         """Raise Broken if a place covers only a part of a longer number that behaves."""
@@ -232,8 +232,8 @@ class BehaveLoader:
         for point in behaviour.names.values():
             address = point.place.address
             for bit in range(address.first_bit, address.first_bit + point.bits):
-                if (there := self._at.get((address.area, bit))) is not None:
-                    yield id(there)
+                if (owner := self._at.get((address.area, bit))) is not None:
+                    yield id(owner)
 
 
 def _is_at(place: Point, address: Address) -> bool:

@@ -156,8 +156,12 @@ class Reference:
     def rows(self, part: PagePart) -> Iterator[str]:
         required = part.schema.get("required", ())
         for key, schema in part.schema["properties"].items():
-            told = self.description(schema) + (" *required*" if key in required else "")
-            yield "| " + " | ".join(text.replace("|", "\\|") for text in (f"`{key}`", self.values(schema), told)) + " |"
+            described = self.description(schema) + (" *required*" if key in required else "")
+            yield (
+                "| "
+                + " | ".join(text.replace("|", "\\|") for text in (f"`{key}`", self.values(schema), described))
+                + " |"
+            )
 
     def page(self) -> str:
         lines = [HEAD]

@@ -420,14 +420,14 @@ def overlaps(
 
 def _pairs(found: list[_Stored]) -> Iterator[Problem]:
     """Yield a warning for each overlapping pair of blocks, once; `found` is sorted by address."""
-    told: set[frozenset[int]] = set()
+    reported: set[frozenset[int]] = set()
     for at, one in enumerate(found):
         for other in found[at + 1 :]:
             if other.first >= one.end:
                 break
             pair = frozenset((one.block.id, other.block.id))
-            if len(pair) == 2 and pair not in told and _spoils(one, other):
-                told.add(pair)
+            if len(pair) == 2 and pair not in reported and _spoils(one, other):
+                reported.add(pair)
                 first, second = sorted((one, other), key=lambda stored: stored.block.id)
                 places = " and ".join(dict.fromkeys((str(first), str(second))))
                 what = f"blocks {first.block.label} and {second.block.label} store in one place: {places}"

@@ -457,9 +457,9 @@ class CallLoader:
         if node is None:
             return ()
         if not isinstance(node, Mapping):
-            told = "results of a call go to places by their names" if what == "RESULT" else "a call takes arguments"
+            fault = "results of a call go to places by their names" if what == "RESULT" else "a call takes arguments"
             key = "into" if what == "RESULT" else "from"
-            raise self.reader.broken(node.at, told, f"write {key}: {{{what}: ADDRESS}}")
+            raise self.reader.broken(node.at, fault, f"write {key}: {{{what}: ADDRESS}}")
         return node.read_all()
 
     # ---- arguments ----------------------------------------------------------------------------------------

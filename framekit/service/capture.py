@@ -525,13 +525,13 @@ def _cut_file(data: bytes, order: str, kinds: frozenset[int]) -> Cut:
     at, end = HEAD, len(data) - RECORD
     while at < end:
         (size,) = size_at(data, at + 8)
-        behind = at + RECORD + size
-        if behind > len(data):
+        after = at + RECORD + size
+        if after > len(data):
             break
         if size > SERIAL and data[at + KIND] in kinds:
             starts.append(at + RECORD + SERIAL)
             lengths.append(size - SERIAL)
-        at = behind
+        at = after
     return Cut(data, starts, lengths)
 
 

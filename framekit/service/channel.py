@@ -260,8 +260,8 @@ class ChannelService:
 
             return done
 
-        told = [Read((read.key[0], telling(read.key[1])), read.address, read.count) for read in reads]
-        self.driver.do(lambda now: self.transfers.start_joined(told, now))
+        joined = [Read((read.key[0], telling(read.key[1])), read.address, read.count) for read in reads]
+        self.driver.do(lambda now: self.transfers.start_joined(joined, now))
 
     def _params_for(self, block: Block, repeats: bool) -> dict[str, Any]:
         """Return the parameters for this exchange only: those of its station, then those of the block."""

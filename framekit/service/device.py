@@ -93,8 +93,8 @@ class DeviceStore:
             self._alarm = clock.alarm(self._behave)
 
     def _cannot(self, what: str) -> None:
-        for told in self.troubles:
-            told(what)
+        for callback in self.troubles:
+            callback(what)
 
     def _behave(self) -> None:
         """Run the behaviours that are due."""

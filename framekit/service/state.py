@@ -162,10 +162,10 @@ class StateFile:
         if row[0] != self.run:
             what = f"{self.path} is the state of run '{row[0]}', this run is '{self.run}'"
             raise StateError(f"{what} – name another file, or move it away to begin anew")
-        there = {name: (unit, size) for name, unit, size in self._base.execute("SELECT name, unit, size FROM areas")}
+        stored = {name: (unit, size) for name, unit, size in self._base.execute("SELECT name, unit, size FROM areas")}
         for name, unit, size in self.shape:
-            if name in there and there[name] != (unit, size):
-                what = f"{self.path} is of another memory: area {name} is {there[name][1]} × {there[name][0]} there"
+            if name in stored and stored[name] != (unit, size):
+                what = f"{self.path} is of another memory: area {name} is {stored[name][1]} × {stored[name][0]} there"
                 raise StateError(f"{what} and {size} × {unit} here – name another file, or move it away to begin anew")
 
     @contextmanager
@@ -187,8 +187,8 @@ class StateFile:
     # ---- reading ------------------------------------------------------------------------------------------
 
     def _load(self) -> KeptRun:
-        there = {name for (name,) in self._base.execute("SELECT name FROM areas")}
-        areas = {name: self._area(name, size) for name, size in self._sizes().items() if name in there}
+        stored = {name for (name,) in self._base.execute("SELECT name FROM areas")}
+        areas = {name: self._area(name, size) for name, size in self._sizes().items() if name in stored}
         rows = self._base.execute(f"SELECT {_COLUMNS} FROM blocks")
         blocks = {(row[0], row[1]): self._block(row) for row in rows}
         self._written = dict(areas)

@@ -232,10 +232,10 @@ def open_alone(path: Path) -> int:
 def not_installed(library: str, module: str) -> Iterator[tuple[str, str, str]]:
     """Return the mistake that a library of a kind is not installed, for `mistakes`; empty if it is installed."""
     try:
-        there = find_spec(module) is not None
+        is_installed = find_spec(module) is not None
     except ModuleNotFoundError:  # a parent package is missing
-        there = False
-    if not there:
+        is_installed = False
+    if not is_installed:
         yield "", *without_library("this", library)
 
 

@@ -96,8 +96,8 @@ class Mqtt(BrokerSink):
         if "{point}" in self.status:
             yield "status", "the status is that of the run, not of a point", "leave {point} out"
         if "{point}" in self.topic and "{point}" not in self.status:
-            there = [point for point in points if any(fits(pattern, point.name) for pattern in self.points)]
-            problem = self.one_topic_for_two(there)
+            selected = [point for point in points if any(fits(pattern, point.name) for pattern in self.points)]
+            problem = self.one_topic_for_two(selected)
             if problem:
                 yield "topic", problem, "write another topic or status, or give the point another name"
         if self.commands and not any(point.is_writable for point in points):
@@ -208,12 +208,12 @@ class MqttSink(Sink):
             connection.say(Message(f"{command.topic}/answer", payload, False))
 
         try:
-            value, said = parsed(command.payload)
+            value, message = parsed(command.payload)
         except ValueError as error:
             told(str(error))
             return
-        answer |= {"value": value, **({"id": said["id"]} if said.get("id") is not None else {})}
-        told_who = said.get("who")
+        answer |= {"value": value, **({"id": message["id"]} if message.get("id") is not None else {})}
+        told_who = message.get("who")
         sender = told_who[:100] if isinstance(told_who, str) and told_who else "a client"
         who = f"{sender!r} by {command.topic} of {self.kind.place}"
         host.write(name, value, who, told)
@@ -284,11 +284,11 @@ def parsed(payload: bytes) -> tuple[Any, dict[str, Any]]:
         raise ValueError("this is no value") from None
     except ValueError:
         found = text.strip()
-    said = found if isinstance(found, dict) else {"value": found}
-    value = said.get("value")
+    message = found if isinstance(found, dict) else {"value": found}
+    value = message.get("value")
     if not isinstance(value, str) and not _is_number(value):
         raise ValueError('this is no value – send it by itself, or as {"value": 5}')
-    key = said.get("id")
+    key = message.get("id")
     if key is not None and (isinstance(key, bool) or not (isinstance(key, str) or _is_number(key))):
         raise ValueError("the id is neither a text nor a number")
-    return value, said
+    return value, message

@@ -63,11 +63,11 @@ class Opcua(SinkKind):
     def mistakes(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
         yield from not_installed("asyncua", "asyncua")
         if bool(self.certificate) != bool(self.private_key):
-            there, missing = ("certificate", "private_key") if self.certificate else ("private_key", "certificate")
-            yield there, f"'{there}' needs '{missing}'", f"give both, or remove '{there}'"
+            given, missing = ("certificate", "private_key") if self.certificate else ("private_key", "certificate")
+            yield given, f"'{given}' needs '{missing}'", f"give both, or remove '{given}'"
         if bool(self.user) != (self.password is not None):
-            there, missing = ("user", "password") if self.user else ("password", "user")
-            yield there, f"'{there}' needs '{missing}'", f"give both, or remove '{there}'"
+            given, missing = ("user", "password") if self.user else ("password", "user")
+            yield given, f"'{given}' needs '{missing}'", f"give both, or remove '{given}'"
         if self.user and not self.certificate:
             yield "user", "the password would cross the network for all to read", "give a certificate and a private_key"
 

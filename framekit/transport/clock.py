@@ -210,9 +210,9 @@ class _CallHeap:
         """Let the source with the earliest late event report; return False if no source has a late event."""
         first, at = None, 0
         for source in self._lagging:
-            behind = source.behind(until)
-            if behind is not None and (first is None or behind < at):
-                first, at = source, behind
+            due = source.behind(until)
+            if due is not None and (first is None or due < at):
+                first, at = source, due
         if first is None:
             return False
         self._moved(at)

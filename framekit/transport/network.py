@@ -236,9 +236,9 @@ _WHAT_TO_DO = {
 
 def _why(error: Exception) -> str:
     """Return the system's text of an error, without the leading address, and advice on what to check."""
-    said = _said(error)
+    text = _said(error)
     todo = _WHAT_TO_DO.get(getattr(error, "errno", None) or 0)
-    return f"{said} – {todo}" if todo else said
+    return f"{text} – {todo}" if todo else text
 
 
 def _said(error: Exception) -> str:

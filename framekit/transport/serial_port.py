@@ -207,9 +207,9 @@ def _what_there_is(name: str) -> str:
         return f"write tcp://{name}:PORT for a connection to that host"
     from serial.tools.list_ports import comports
 
-    there = sorted(port.device for port in comports())
-    more = f" and {len(there) - MOST_TOLD} more" if len(there) > MOST_TOLD else ""
-    return f"there are {', '.join(there[:MOST_TOLD])}{more}" if there else "no serial device is there now"
+    devices = sorted(port.device for port in comports())
+    more = f" and {len(devices) - MOST_TOLD} more" if len(devices) > MOST_TOLD else ""
+    return f"there are {', '.join(devices[:MOST_TOLD])}{more}" if devices else "no serial device is there now"
 
 
 def set_attribute(device: Any, name: str, on: bool) -> None:

@@ -135,8 +135,8 @@ class Transmission:
             marks = sorted(index - first for index in self.marks if first <= index < count) if self.marks else []
         if not flagged and not marks:
             return data, ()
-        told = [CharacterFault(index, flagged[index]) for index in sorted(flagged)]
-        return data, (*told, *(CharacterFault(index, LineFault.MARK) for index in marks))
+        damaged = [CharacterFault(index, flagged[index]) for index in sorted(flagged)]
+        return data, (*damaged, *(CharacterFault(index, LineFault.MARK) for index in marks))
 
     # ---- changes by faults --------------------------------------------------------------------------------
 
@@ -215,11 +215,11 @@ def misheard(value: int, sent: LineFormat, line: LineFormat) -> tuple[int, LineF
         return bits[index] if index < len(bits) else 1
 
     found = sum(at(place + 1) << place for place in range(line.data_bits))
-    behind = 1 + line.data_bits
+    after = 1 + line.data_bits
     has_parity = line.parity != "N"
-    if abs(sent.speed - line.speed) * TOLERANCE > sent.speed or not at(behind + has_parity):
+    if abs(sent.speed - line.speed) * TOLERANCE > sent.speed or not at(after + has_parity):
         return found, LineFault.FRAMING
-    if has_parity and at(behind) != _parity_of(found, line.parity):
+    if has_parity and at(after) != _parity_of(found, line.parity):
         return found, LineFault.PARITY
     return found, None
 
@@ -617,9 +617,9 @@ class SimulatedLine:
         if self.settings is not None:
             port.connect(self.connection)
             return
-        there = [it for it in self.ports if it.wanted and (not it.joined or it.connection == self.connection)]
-        if len(there) > 1:
-            for it in there:
+        ready = [it for it in self.ports if it.wanted and (not it.joined or it.connection == self.connection)]
+        if len(ready) > 1:
+            for it in ready:
                 if not it.joined:
                     it.connect(self.connection)
 

@@ -31,8 +31,8 @@ class Access:
 
     def fits(self, given: object) -> bool:
         """Return whether this is the token; the comparison takes constant time."""
-        told = given if isinstance(given, str) else ""
-        return hmac.compare_digest(told.encode(errors="replace"), self.token.encode(errors="replace"))
+        text = given if isinstance(given, str) else ""
+        return hmac.compare_digest(text.encode(errors="replace"), self.token.encode(errors="replace"))
 
 
 class Visitor:

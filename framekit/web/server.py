@@ -127,10 +127,10 @@ class Browser:
         showing = asyncio.ensure_future(self._show())
         try:
             while True:
-                told = json.loads(await self.socket.receive_text())
+                message = json.loads(await self.socket.receive_text())
                 while len(self._actions) >= MOST_ACTIONS:
                     await asyncio.wait(self._actions, return_when=asyncio.FIRST_COMPLETED)
-                action = asyncio.ensure_future(self._answer(told))
+                action = asyncio.ensure_future(self._answer(message))
                 self._actions.add(action)
                 action.add_done_callback(self._actions.discard)
                 if self.session.wrong_tokens >= MOST_WRONG:

@@ -259,17 +259,17 @@ class WebSession:
         number = whole_number(point)
         if number >= len(self.board.points):
             raise ValueError("this is no message")
-        _, there = self.board.points[number]
+        _, target = self.board.points[number]
         found: list[Any] = []
-        answer = self._tried(told, lambda: found.append(there.value_of(plain_text(told.get("value")))))
+        answer = self._tried(told, lambda: found.append(target.value_of(plain_text(told.get("value")))))
         if not found:
             return answer
         try:
-            await there.put(found[0], who=f"the page, from {self.visitor.who}")
+            await target.put(found[0], who=f"the page, from {self.visitor.who}")
         except FramekitError as error:
             why = printable(str(error))
             log.warning(
-                "point %s: %r was refused to the page, from %s: %s", there.name, found[0], self.visitor.who, why
+                "point %s: %r was refused to the page, from %s: %s", target.name, found[0], self.visitor.who, why
             )
             return {**answer, "why": str(error)}
         return answer

@@ -90,16 +90,16 @@ def _keys(protocol: Protocol, frame: Frame, ends: FrameEnds) -> Iterator[Problem
         name, expression = one.name, one.value
         variable = protocol.state.get(name)
         if variable is not None and (one.key is None) != (variable.keys is None):
-            told = f"'{name}' is a table" if one.key is None else f"'{name}' is no table"
-            yield Problem(expression.at, told, f"write {name}[key]" if one.key is None else f"write {name}")
+            fault = f"'{name}' is a table" if one.key is None else f"'{name}' is no table"
+            yield Problem(expression.at, fault, f"write {name}[key]" if one.key is None else f"write {name}")
         if variable is None:
             hint = did_you_mean(name, protocol.state) or f"add {name}: to state"
             yield Problem(expression.at, f"there is no variable '{name}' to announce", hint)
         elif frame.name not in ends.decoded and (frame.inner or frame.side == "none" or frame.name in ends.carried):
             what = f"'{frame.name}' stands inside other frames, so it announces nothing"
             yield Problem(expression.at, what, "let the frame around it announce, from its inner field")
-        for said in (expression,) if one.key is None else (expression, one.key):
-            yield from _two_of_wire(protocol, frame, said)
+        for part in (expression,) if one.key is None else (expression, one.key):
+            yield from _two_of_wire(protocol, frame, part)
 
 
 def _two_of_wire(protocol: Protocol, frame: Frame, said: Expression) -> Iterator[Problem]:
@@ -146,8 +146,8 @@ def _inner(protocol: Protocol, frame: Frame, ends: FrameEnds) -> Iterator[Proble
 
 def _always_nested(segments: Segments) -> Iterator[Nested]:
     """Yield the nested layouts that are present for every value, so that the layout would never end."""
-    for segment, there in certain(segments):
-        if not there or segment.when is not None:
+    for segment, is_present in certain(segments):
+        if not is_present or segment.when is not None:
             continue
         if isinstance(segment, Nested):
             yield segment
@@ -356,10 +356,10 @@ def _order_of_sizes(
             late = sorted((names_in(expression.root) & names) - known)
             for name in late:
                 moved = f"what '{name}' reads" if name in values else f"'{name}'"
-                told, todo = f"the {what} uses '{name}', which is read only later", f"move {moved} before it"
+                fault, todo = f"the {what} uses '{name}', which is read only later", f"move {moved} before it"
                 if name == segment.name:
-                    told, todo = f"the {what} of '{name}' cannot come from '{name}' itself", "give a size"
-                yield Problem(expression.at, told, todo)
+                    fault, todo = f"the {what} of '{name}' cannot come from '{name}' itself", "give a size"
+                yield Problem(expression.at, fault, todo)
         if segment.inner_record is not None:
             outside = known - field_names(segment.inner_record)
             yield from _order_of_sizes(segment.inner_record, outside, frozenset(names - {segment.name or ""}))
@@ -603,9 +603,11 @@ class FrameEnds:
         segments = tuple(_in_records(segments))
         for place, segment in enumerate(segments):
             if self.reaches_on(segment):
-                behind = segments[place + 1 :]
-                ends = any(isinstance(one, Const) and one.when is None and _is_end_of(one, segment) for one in behind)
-                return not ends or any(self.sizes.present(one).fixed is None for one in behind)
+                following = segments[place + 1 :]
+                ends = any(
+                    isinstance(one, Const) and one.when is None and _is_end_of(one, segment) for one in following
+                )
+                return not ends or any(self.sizes.present(one).fixed is None for one in following)
         return False
 
     def is_surely_open(self, segments: Segments) -> bool:
@@ -664,8 +666,8 @@ def _counted_and_open(protocol: Protocol, frame: Frame, ends: FrameEnds) -> Iter
         if length is None or not segment.takes_rest or isinstance(segment, Wrap):
             continue
         what = f"the length '{length.name}' counts {segment.title}, but only silence ends it"
-        told = length.of == (segment.name,) and not length.plus and length.unit == 1
-        size = length.name if told else f"(what {length.name} leaves for it)"
+        is_exact = length.of == (segment.name,) and not length.plus and length.unit == 1
+        size = length.name if is_exact else f"(what {length.name} leaves for it)"
         todo = f"write size: {size}"
         if isinstance(segment, Repeat):
             todo = f"put it into {{wrap: none, size: {size}, of: […]}}"

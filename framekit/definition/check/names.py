@@ -233,11 +233,11 @@ class NameChecker:
             if not any(isinstance(node, Conditional) for node in walk(one.root))  # else it may read one of two
         }
         reach = {name: _reached(name, reads) for name in reads}
-        told: set[str] = set()
+        reported: set[str] = set()
         for name in reads:
             circle = [other for other in reads if other in reach[name] and name in reach[other]]
-            if circle and name not in told:
-                told |= {*circle}
+            if circle and name not in reported:
+                reported |= {*circle}
                 what = f"{listed(repr(one) for one in circle)} follow from each other: one of them has to be given"
                 todo = "let one of them follow from something else, if that is not meant"
                 self.problems.append(Problem(given[name].at, what, todo, warning=True))

@@ -557,11 +557,11 @@ def _calls_in_circles(protocol: Protocol) -> Iterator[Problem]:
         name: [step.call.sequence for step in sequence.steps if step.call is not None]
         for name, sequence in protocol.sequences.items()
     }
-    told: set[str] = set()
+    reported: set[str] = set()
     for name in calls:
         circle = _circle(calls, name, [])
-        if circle and not told & set(circle):
-            told |= set(circle)
+        if circle and not reported & set(circle):
+            reported |= set(circle)
             chain = " → ".join([*circle, name])
             what = f"sequences call each other in a circle: {chain}" if len(circle) > 1 else f"'{name}' calls itself"
             yield Problem(protocol.sequences[name].at, what, "let one of them end instead")

@@ -377,7 +377,7 @@ def check_protocol(
     problems += check_commands(protocol, broken)
     if is_whole:
         problems += [*_groups(protocol), *check_forms(protocol.addresses, protocol.areas, protocol.tables)]
-    told = {problem.at for problem in problems}
+    reported = {problem.at for problem in problems}
     is_right = is_whole and all(problem.warning for problem in problems)
     more = [*check_kinds(protocol), *((*check_parts(protocol), *check_texts(protocol)) if is_right else ())]
-    return [*problems, *(problem for problem in more if problem.at not in told)]
+    return [*problems, *(problem for problem in more if problem.at not in reported)]

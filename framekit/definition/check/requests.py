@@ -266,7 +266,7 @@ def check_stations(protocol: Protocol) -> Iterator[Problem]:
         nodes = [node for one in expressions_of(sequences) for node in walk(one.root)]
         read = {node.name for node in nodes if isinstance(node, Attribute)}
         compared = {field for node in nodes if isinstance(node, Compare) for field in _compared_with_own(node)}
-        told: set[str] = set()
+        reported: set[str] = set()
         for made in (row.request for row in protocol.service_rows if not row.client_only):
             frame = None if made is None or made.frame not in taken else protocol.frames.get(made.frame)
             if made is None or frame is None or any("own" in names_in(rule.root) for rule in expressions_of(frame)):
@@ -276,11 +276,11 @@ def check_stations(protocol: Protocol) -> Iterator[Problem]:
                 if (
                     not named
                     or field_name not in field_names(frame.segments)
-                    or field_name in read | told
+                    or field_name in read | reported
                     or made.fields.keys() & compared
                 ):
                     continue
-                told.add(field_name)
+                reported.add(field_name)
                 what = (
                     f"'{field_name}' of a request is not compared with the device's own station in '{name}', so every "
                 )
@@ -300,7 +300,7 @@ def check_settings(protocol: Protocol) -> Iterator[Problem]:
     taken = {frame for row in parts_of(sequences, Row) for frame in row.frames}
     read = attributes_in(sequences)
     of_places = {name for form in protocol.addresses for name in form.names}
-    told: set[tuple[str, str]] = set()
+    reported: set[tuple[str, str]] = set()
     for row in (row for row in protocol.service_rows if not row.client_only):
         frame = None if row.request is None else protocol.frames.get(row.request.frame)
         if row.request is None or frame is None or frame.name not in taken:
@@ -311,9 +311,9 @@ def check_settings(protocol: Protocol) -> Iterator[Problem]:
         ruled = names_read(frame)
         for field_name, value in _leaves_of(row.request):
             found = inverse_steps(value)
-            if found is None or found[0] not in own - ruled or field_name in seen or (field_name, found[0]) in told:
+            if found is None or found[0] not in own - ruled or field_name in seen or (field_name, found[0]) in reported:
                 continue
-            told.add((field_name, found[0]))
+            reported.add((field_name, found[0]))
             what = f"'{field_name}' of a request is not compared with the device's parameter '{found[0]}', so a device"
             todo = (
                 f"add station: own (or when: it.{field_name} == {value}) to the row that receives it; or, if only the "
@@ -328,14 +328,14 @@ def check_of_client(protocol: Protocol) -> Iterator[Problem]:
     sent: list[Any] = [part for row in served for part in (row.request, row.buffer)]
     frames = (protocol.frames.get(made.frame) for made in parts_of(sent, FrameOf))
     sent += [frame.segments for frame in frames if frame is not None]
-    told = names_read(sent)
+    sent_names = names_read(sent)
     for one in protocol.params.values():
         if not one.of_client or one.at.file != protocol.at.file:
             continue  # of an application: some of its carriers use it
         if not replace(one, of_client=False).is_compared:
             kind = "a secret" if one.secret else "one with is:" if one.is_ is not None else f"a {one.type}"
             what = f"from: client has no effect: '{one.name}' is {kind}, which no device compares"
-        elif one.name not in told:
+        elif one.name not in sent_names:
             what = f"from: client has no effect: no request that a device serves tells '{one.name}'"
         else:
             continue

@@ -54,8 +54,8 @@ def check_services(protocol: Protocol, broken: Collection[str] = ()) -> list[Pro
             found += check_request_matching(protocol, row)
         found += _dead(rows)
     found += [*check_stations(protocol), *check_settings(protocol), *check_of_client(protocol)]
-    told = {problem.at for problem in found}
-    found += [problem for problem in check_unserved(protocol) if problem.at not in told]
+    reported = {problem.at for problem in found}
+    found += [problem for problem in check_unserved(protocol) if problem.at not in reported]
     return [*found, *_areas(protocol, broken), *_codes(protocol), *_errors(protocol, broken)]
 
 
@@ -355,8 +355,8 @@ def _areas(protocol: Protocol, broken: Collection[str]) -> Iterator[Problem]:
             if is_unit(unit) and unit not in UNIT_BITS and unit != area.unit:
                 what = f"'{unit}' in the codes of area '{area.name}' is not a unit"
                 yield Problem(area.at, what, did_you_mean(unit, UNIT_BITS))
-    told = bool(protocol.addresses) or "addresses" in broken
-    if protocol.areas and not told and {"read", "write"} & protocol.services.keys():
+    has_forms = bool(protocol.addresses) or "addresses" in broken
+    if protocol.areas and not has_forms and {"read", "write"} & protocol.services.keys():
         what = "there are areas, but no form of address to name places in them"
         yield Problem(protocol.at, what, 'add addresses: [{form: "{area}{start:dec}"}]')
 

@@ -585,9 +585,9 @@ class _Kinds:
         if method.kind != "code":
             self._checker({"acc": "number", "byte": "number"}).wants(method.expression, "number")
             return
-        told = len(self.found)
+        before = len(self.found)
         self._checker({"data": "bytes"}).wants(method.expression, "bytes")
-        for result in _results(method.expression.root) if len(self.found) == told else ():
+        for result in _results(method.expression.root) if len(self.found) == before else ():
             most = most_bytes(result)
             if most is not None and most != method.width // 8:
                 what = f"the code '{method.name}' has {plural(most, 'byte')}, and its width is {method.width} bits"
@@ -604,7 +604,7 @@ class _Kinds:
         outer_measured: frozenset[str] = frozenset(),
     ) -> None:
         own = field_kinds(segments)
-        always = (one for one, there in certain(segments) if there and one.when is None and one.frames_inside)
+        always = (one for one, is_present in certain(segments) if is_present and one.when is None and one.frames_inside)
         measured = (outer_measured - own.keys()) | {one.name for one in always if one.name is not None}
         local = {**outer, **own}
         checker = self._checker(local)

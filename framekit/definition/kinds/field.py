@@ -327,7 +327,7 @@ class Field(Segment):
         """Report keys that are for numbers only, and computed constants that are not as long as the field."""
         is_float = self.type.value_kind == "number"
         kind = {"text": "text", "bytes": "bytes"}.get(self.type.value_kind, "a number with a fraction")
-        there = {
+        present_keys = {
             "range": self.limits is not None and not is_float,
             "plus": self.plus != 0,
             "unit": self.unit is not None,
@@ -335,7 +335,7 @@ class Field(Segment):
             "zero_means": self.zero_means is not None,
             "values": self.values is not None,
         }
-        for key_ in (name for name, is_there in there.items() if is_there):
+        for key_ in (name for name, is_there in present_keys.items() if is_there):
             yield Problem(self.at, f"{key_}: belongs to whole numbers, '{self.name}' is {kind}", f"leave {key_} out")
         if self.limits is not None and self.type.form is not None and self.type.form.empty:
             what = f"'{self.name}' may be empty, and nothing is in no range"

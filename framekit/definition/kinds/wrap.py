@@ -29,12 +29,12 @@ def _most(reading: KeyReading, node: Node) -> Size | None:
 def _size(reading: KeyReading) -> int | Expression | None:
     """Return the size on the wire, from `size`, or computed from `plain`. Raises Broken."""
     reader, node, plain = reading.reader, reading.keys.get("size"), reading.keys.get("plain")
-    told = node if plain is None else plain
-    if told is None:
+    size_node = node if plain is None else plain
+    if size_node is None:
         return None
-    size = _most(reading, told)
+    size = _most(reading, size_node)
     if size is None or size == "rest":
-        raise reader.broken(told.at, "the rest is what a wrap takes without a size", "leave size out")
+        raise reader.broken(size_node.at, "the rest is what a wrap takes without a size", "leave size out")
     if plain is None:
         return size
     if node is not None:

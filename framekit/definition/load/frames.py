@@ -159,12 +159,12 @@ def _stands_in(wanted: Sequence, space: Meanings, nodes: Node, seen: list[Node])
         return False
     for entry in nodes.entries:
         if entry.key.text == "include" and isinstance(entry.value, Scalar):
-            found, there = space.layout(entry.value)
+            found, inner = space.layout(entry.value)
             if found is wanted:
                 return True
             if all(found is not one for one in seen):
                 seen.append(found)
-                if _stands_in(wanted, there, found, seen):
+                if _stands_in(wanted, inner, found, seen):
                     return True
         elif _stands_in(wanted, space, entry.value, seen):
             return True
@@ -412,7 +412,7 @@ class FrameLoader:
                 self.reader.note(owned.entry.key.at, f"there are two frames '{name}'", "give one another name")
                 continue
             with self.reader.going_on():
-                keys, told = self.reader.mapping(owned.entry.value), len(self.reader.problems)
+                keys, before = self.reader.mapping(owned.entry.value), len(self.reader.problems)
                 groups = tuple(self._chain(space, keys.get("group")))
                 carried = bool(groups) and space.section("groups")[groups[0]].inner
                 self.outlines[name] = Outline(
@@ -422,7 +422,7 @@ class FrameLoader:
                     groups,
                     keys.get("refuse") is not None,
                     owned.inner or inner_only or carried,
-                    len(self.reader.problems) > told,
+                    len(self.reader.problems) > before,
                 )
 
     def _chain(self, space: Namespace, node: Node | None, own: str = "") -> Iterator[str]:

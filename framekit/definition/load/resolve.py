@@ -309,8 +309,8 @@ class Stations:
             required = {name for one in _conditions(segments) for name in names_in(one.root)}
             by_default = dict(_defaults(made.fields, segments, compared - required))
             for path, value in (*fields.items(), *by_default.items()):
-                told = path[-1] not in judged and names_in(value.root) <= known - {STATION} - set(hidden)
-                everything.setdefault(made.frame, {}).setdefault(path, []).append(value if told else None)
+                is_known = path[-1] not in judged and names_in(value.root) <= known - {STATION} - set(hidden)
+                everything.setdefault(made.frame, {}).setdefault(path, []).append(value if is_known else None)
             filled = {path: value for path, value in fields.items() if names_in(value.root) <= known}
             constructors.setdefault(made.frame, []).append(filled)
             given.setdefault(made.frame, set()).update(made.fields)
@@ -358,12 +358,12 @@ class Stations:
 
 def _filled(given: Mapping[str, Value], segments: tuple[Segment, ...]) -> Iterator[tuple[Path, Expression]]:
     """Yield the existing fields with the given values."""
-    there = by_value_name(segments)
+    known = by_value_name(segments)
     for name, value in given.items():
-        if isinstance(value, Expression) and name in there:
+        if isinstance(value, Expression) and name in known:
             yield (name,), value
-        elif isinstance(value, RecordOf) and name in there:
-            yield from (((name, *path), one) for path, one in _filled(value.fields, there[name].inner_record or ()))
+        elif isinstance(value, RecordOf) and name in known:
+            yield from (((name, *path), one) for path, one in _filled(value.fields, known[name].inner_record or ()))
 
 
 def _defaults(

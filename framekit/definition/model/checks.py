@@ -55,8 +55,8 @@ def not_installed(at: Position, what: str) -> Iterator[Problem]:
 def wrong_size(name: str, value: Expression, allowed: tuple[int, ...], what: str) -> Iterator[Problem]:
     """Report constant bytes in the definition whose number is not allowed."""
     if isinstance(value.root, Bytes) and len(value.root.value) not in allowed:
-        told = f"{name} has {plural(len(value.root.value), 'byte')}"
-        yield Problem(value.root.at, told, what)
+        fault = f"{name} has {plural(len(value.root.value), 'byte')}"
+        yield Problem(value.root.at, fault, what)
 
 
 CHECK_KINDS = {"sum", "word_sum", "xor", "sum7", "xor7", "or", "multiply", "crc", "fold", "code", *MACS}
@@ -206,8 +206,8 @@ def add_method(method: CheckMethod, module: str) -> None:
     fault = replace(method, kind="sum").fault()
     if fault is not None:
         raise ValueError(fault)
-    there = method.name in ready_methods() or method.kind in CHECK_KINDS
-    bring_word("check method", method.name, module, there)
+    is_known = method.name in ready_methods() or method.kind in CHECK_KINDS
+    bring_word("check method", method.name, module, is_known)
     CHECK_KINDS.add(method.kind)
     ADDED[method.name] = method
     ready_methods.cache_clear()

@@ -122,8 +122,8 @@ def field_names(segments: Iterable[Segment]) -> set[str]:
 def names_needed(segments: Iterable[Segment]) -> list[str]:
     """Return the names without which no frame can be built, because they get a value from no other source."""
     found: list[str] = []
-    for segment, there in certain(segments):
-        if segment.when is not None or not there:
+    for segment, is_present in certain(segments):
+        if segment.when is not None or not is_present:
             continue
         found += segment.wanted_names
     return found
@@ -132,8 +132,8 @@ def names_needed(segments: Iterable[Segment]) -> list[str]:
 def names_always_there(segments: Iterable[Segment]) -> set[str]:
     """Return the names that every value has, whatever its content."""
     found: set[str] = set()
-    for segment, there in certain(segments):
-        if there and segment.when is None and not segment.is_there_inside:
+    for segment, is_present in certain(segments):
+        if is_present and segment.when is None and not segment.is_there_inside:
             found |= _own_names(segment)
     return found
 
