@@ -38,6 +38,9 @@ SHAPES: dict[str, Callable[[int], str]] = {
         + "".join(f"  f{one}: {{body: [{{const: {constant(one)}}}, {{field: a, type: u8}}]}}\n" for one in range(count))
     ),
     "fields": lambda count: body(*(f"field: a{one}, type: u8" for one in range(count))),
+    "fields with lengths": lambda count: body(
+        *(f"length: n{one}, type: u8, of: d{one}}}\n      - {{data: d{one}, size: n{one}" for one in range(count))
+    ),
     "conditions": lambda count: body("field: a, type: u32", *(f"require: 'a != {one}'" for one in range(count))),
     "optional fields": lambda count: body(
         "field: a, type: u32", *(f"field: b{one}, type: u8, when: a == {one}" for one in range(count))

@@ -83,9 +83,10 @@ class LengthKind(CountedKind[Length]):
 
 
 def _put_length(w: EncodeWriter, length: Length, scope: Scope, given: Given) -> None:
-    for path, target in w.targets.items():
+    counted = [w.targets[path] for path in length.counted if path in w.targets] if length.plain else []
+    for target in counted:
         converted = any(isinstance(one, Data) and one.convert is not None for one in target.segments)
-        if length.plain and path in length.counted and target.only is None and converted:
+        if target.only is None and converted:
             raise not_possible(
                 length, f"'{target.segments[0].name}' is not converted in every case", "count it as it is sent"
             )

@@ -7,11 +7,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TypeVar
 
 from framekit.codec.python.codings import starts
 from framekit.definition.expression import Attribute, Call, Expression, Name, Node, children, names_in, walk
-from framekit.definition.model.frames import StaticSizes, certain, everything, expressions_of, flat, in_place_of_records
+from framekit.definition.model.frames import (
+    StaticSizes,
+    certain,
+    everything,
+    expressions_of,
+    flat,
+    in_place_of_records,
+    nearest_path,
+)
 from framekit.definition.model.segments import (
     Check,
     Const,
@@ -44,10 +53,54 @@ class Target:
 
 def targets_of(length: Length, segments: Iterable[Segment]) -> dict[str, Target]:
     """Return the segments that a length counts, by path."""
-    found: dict[str, Target] = {}
-    for of in records_in(tuple(segments)):
-        found |= {path: target for path, target in by_path(of).items() if path in length.counted}
+    found = _index_of(_SameSegments(tuple(segments))).targets
     return {path: found[path] for path in length.counted if path in found}
+
+
+Presence = frozenset[object]
+"""The conditions and cases on which the presence of a segment depends."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Index:
+    """The segments of a list and of the records inside it, by path."""
+
+    targets: dict[str, Target]
+    every: dict[str, list[Segment]]
+    """All segments of a path."""
+    presences: dict[str, dict[int, list[tuple[Position, Presence]]]]
+    """The positions and presences of the segments of a path, by the number of their record."""
+
+
+class _SameSegments:
+    """A tuple of segments as a key: equal to the same tuple only, which needs no look at the segments."""
+
+    def __init__(self, segments: Segments) -> None:
+        self.segments = segments
+
+    def __hash__(self) -> int:
+        return id(self.segments)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _SameSegments) and other.segments is self.segments
+
+
+@lru_cache(maxsize=16)
+def _index_of(same: _SameSegments) -> _Index:
+    """Return the index of segments; it is kept, because every length and count of a frame needs it."""
+    found = _Index({}, {}, {})
+    for segment in everything(same.segments):
+        found.every.setdefault(segment.path, []).append(segment)
+    for number, record in enumerate(records_in(same.segments)):
+        found.targets.update(by_path(record))
+        for segment, presence in _conditions(record):
+            found.presences.setdefault(segment.path, {}).setdefault(number, []).append((segment.at, presence))
+    return found
+
+
+def segments_at(path: str, segments: Segments) -> Sequence[Segment]:
+    """Return the segments of a path: several if cases share it."""
+    return _index_of(_SameSegments(segments)).every.get(path, ())
 
 
 def records_in(segments: Segments) -> Iterator[Segments]:
@@ -112,18 +165,17 @@ def only_measured(segments: Iterable[Segment]) -> set[str]:
 
 def comes_with(path: str, number: Segment, segments: tuple[Segment, ...]) -> bool:
     """Return whether the segment of a path is present whenever the number that counts it is."""
-    for of in records_in(segments):
-        places = tuple(_conditions(of))
-        own = [there for one, there in places if (one.path, one.at) == (number.path, number.at)]
-        others = [there for one, there in places if one.path == path]
+    presences = _index_of(_SameSegments(segments)).presences
+    counted = presences.get(path, {})
+    for record, places in presences.get(number.path, {}).items():
+        own = [there for at, there in places if at == number.at]
+        others = [there for _, there in counted.get(record, ())]
         if own and others:
             return all(any(other <= there for other in others) for there in own)
     return False
 
 
-def _conditions(
-    segments: Iterable[Segment], around: frozenset[object] = frozenset()
-) -> Iterator[tuple[Segment, frozenset[object]]]:
+def _conditions(segments: Iterable[Segment], around: Presence = frozenset()) -> Iterator[tuple[Segment, Presence]]:
     """Yield the segments of a record, each with all conditions and cases on which its presence depends."""
     for segment in segments:
         there = around if segment.when is None else around | {str(segment.when)}
@@ -243,7 +295,7 @@ def is_fixed(field: Field) -> bool:
 
 
 def is_plain_name(expression: object, name: str) -> bool:
-    """Return whether a size or number consists only of that name."""
+    """Return whether a size or number consists only of this name."""
     return isinstance(expression, Expression) and is_name(expression.root, name)
 
 
@@ -263,19 +315,20 @@ def size_follows_value(segment: Segment, segments: Mapping[str, Segment]) -> boo
     True if its size is a length that counts only it, or that counts a choice in which it is alone in its case.
     `segments`: all segments by path.
     """
-    for length in (one for one in segments.values() if isinstance(one, Length)):
-        if follows_its_length(length, segment):
-            return True
-        choice = segments.get(length.counted[0]) if len(length.counted) == 1 else None
-        if choice is not None and choice.has_cases and _is_sized_by(length, segment):
-            blocks = ([one for one in block if one.takes_bytes] for block in choice.blocks)
-            if any(len(block) == 1 and block[0] is segment for block in blocks):
-                return True
-    return False
+    size = segment.size_expression
+    name = size.root.name if size is not None and isinstance(size.root, Name) else None
+    length = None if name is None else segments.get(nearest_path(name, segment, segments))
+    if not isinstance(length, Length) or not _is_sized_by(length, segment) or len(length.counted) != 1:
+        return False
+    counted = segments.get(length.counted[0])
+    if length.counted == (segment.path,) or counted is None or not counted.has_cases:
+        return length.counted == (segment.path,)
+    blocks = ([one for one in block if one.takes_bytes] for block in counted.blocks)
+    return any(len(block) == 1 and block[0] is segment for block in blocks)
 
 
 def _is_sized_by(length: Length, target: Segment) -> bool:
-    """Return whether the target's size consists only of that length."""
+    """Return whether the size of the target consists only of this length."""
     if length.plus or length.unit != 1:
         return False
     if isinstance(target, Data):

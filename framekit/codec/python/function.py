@@ -7,7 +7,14 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from framekit.codec.python.expressions import ExpressionWriter, Scope, entries_read
-from framekit.codec.python.facts import Target, fixed_and_conditional, is_followed, lengths_asked, names_asked_for
+from framekit.codec.python.facts import (
+    Target,
+    fixed_and_conditional,
+    is_followed,
+    lengths_asked,
+    names_asked_for,
+    segments_at,
+)
 from framekit.codec.python.forms import value_range, wire_range
 from framekit.codec.python.module import Module
 from framekit.codec.python.source import Identifiers, Source, quoted
@@ -126,7 +133,7 @@ class FunctionWriter:
         return False
 
     def _holds_negative(self, name: str) -> bool:
-        """Return whether a value of that name may be negative by the type that holds it."""
+        """Return whether a value of this name may be negative by the type that holds it."""
         found = self.by_value_name.get(name)
         if found is None:
             return self._given_negative(name)
@@ -140,7 +147,7 @@ class FunctionWriter:
         return False
 
     def _behind(self, name: str) -> Iterator[Node]:
-        """Yield the expressions from which values of that name may be computed."""
+        """Yield the expressions from which values of this name may be computed."""
         for one in self.by_value_name.get(name, ()):
             given = one.read if isinstance(one, Value) else one.default if isinstance(one, Field) else None
             if given is not None:
@@ -310,6 +317,8 @@ class Function(FunctionWriter):
 
         Ranges may end with these segments.
         """
+        if not self.presets:
+            return
         here = {leaf.path for leaf in standing_any_way(tuple(read))}
         for path in dict.fromkeys(leaf.path for leaf in standing_any_way(tuple(segments))):
             if path in self.presets and path not in here:
@@ -403,7 +412,7 @@ def wire_paths(segments: Segments, paths: Iterable[str]) -> list[str]:
     """Return the paths of the parts that take bytes; a choice or `optional` is replaced by its content."""
     found: list[str] = []
     for path in paths:
-        every = [one for one in everything(segments) if one.path == path]
+        every = segments_at(path, segments)
         inside = any(one.has_cases for one in every)
         found += [part.path for part in on_the_wire(every)] if inside else [path]
     return found
