@@ -286,15 +286,16 @@ def add_call_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_call(arguments: argparse.Namespace) -> int:
     from framekit.codec.plain import PlainValues
+    from framekit.codec.result_names import with_names
 
     def call(client: Client) -> None:
         given = assignments(arguments.arguments)
         answer = client.call(arguments.service, given, addresses=arguments.address, count=arguments.count)
-        results = PlainValues(client.protocol).to_plain("", answer.results)
         if arguments.json:
+            results = PlainValues(client.protocol).to_plain("", answer.results)
             print_json({"service": arguments.service, "results": results})
         else:
-            for name, value in results.items():
+            for name, value in with_names(client.protocol, arguments.service, answer.results).items():
                 print(f"{name}: {value}")
 
     return carry_out(arguments, call, to_station=False)

@@ -199,9 +199,11 @@ class Namespace:
         return self.reader.sequence(layouts[name].entry.value), space
 
     def table(self, name: str) -> Table | None:
-        """Return a table of this namespace, or None."""
+        """Return a table of this namespace, or `FILE.table` of a used file, or None."""
         if name not in self._tables:
             owned = self.section("tables").get(name)
+            if owned is None and (found := self.elsewhere(name)) is not None and found[1] is not self:
+                return found[1].table(found[0])
             self._tables[name] = None
             if owned is not None:
                 with self.reader.going_on():

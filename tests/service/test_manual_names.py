@@ -1,0 +1,127 @@
+"""The manuals' names beside numbers in results, decoded frames and status words; codes as the manuals print them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from command_world import SECOND, CommandWorld, text_words
+
+from framekit.api.commands import application_of, blocks_of
+from framekit.cli.common import load
+from framekit.cli.main import main
+
+DEVICE = """device: plc
+protocol: snp
+station: A1
+state:
+  plc_faults: {initial: [{slot: 1, group: low CPU battery, action: fatal, year: 90}]}
+  io_faults: {initial: [{slot: 3, group: 3, action: 2}]}
+"""
+RTU = "device: rtu\nprotocol: ge-rtu\nstation: 1\nparams: {cpu_code: 36}\n"
+
+
+def called(folder: Path, capsys: pytest.CaptureFixture[str], *words: str, text: str = DEVICE, more: str = "") -> str:
+    """What `framekit call` prints for a device file with this text."""
+    (folder / "one.device.yaml").write_text(text, encoding="utf-8")
+    protocol, station = ("ge-rtu", "1") if text is RTU else ("snp", "A1")
+    port = f"sim:{folder / 'one.device.yaml'}"
+    main(["call", protocol, *words, "--port", port, "--station", station, *more.split()])
+    printed = capsys.readouterr()
+    return printed.out + printed.err
+
+
+@pytest.mark.parametrize(
+    ("service", "shown"),
+    [
+        ("plc_faults", "'group': '18 (low CPU battery)', 'action': '3 (fatal)'"),
+        ("plc_faults", "{'cleared': {'second': 0, 'minute': 0, 'hour': 0, 'day': 0, 'month': 0, 'year': 0}"),
+        ("io_faults", "'group': '3 (I/O module lost/missing)', 'action': '2 (diagnostic)'"),
+        ("short_status", "'state': '2 (stop I/O disabled)'"),
+        ("controller_id", "'major': '16 (Series 90-30 or 90-20)', 'minor': '35 (CPU 331)'"),
+    ],
+)
+def test_results_have_names(tmp_path: Path, capsys: pytest.CaptureFixture[str], service: str, shown: str) -> None:
+    assert shown in called(tmp_path, capsys, service)
+
+
+def test_results_of_single_fields_have_names(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    lines = called(tmp_path, capsys, "identify", text=RTU).splitlines()
+    assert lines == ["device: 30 (Series 90-30)", "running: 255 (running)", "cpu: 36 (CPU 341)"]
+
+
+def test_json_has_numbers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert '"group": 18' in called(tmp_path, capsys, "plc_faults", more="--json")
+
+
+def test_decode_names_major_and_minor_of_an_error(capsys: pytest.CaptureFixture[str]) -> None:
+    nack = "1B 4D 00 00 00 00 00 00 02 D1 10 0A 00 00 10 3A 00 00 01 01 05 F5"
+    data = bytes.fromhex(nack).ljust(34, b"\0") + bytes.fromhex("17 00 00 00 00")
+    check = 0
+    for byte in data:
+        check ^= byte
+        check = (check << 1 | check >> 7) & 0xFF
+    assert main(["decode", "snp", "--from", "server", *[f"{byte:02X}" for byte in (*data, check)]]) == 0
+    shown = capsys.readouterr().out
+    assert "5 (service request error)" in shown and "245 (password invalid)" in shown
+
+
+@pytest.mark.parametrize(
+    ("protocol", "status", "meaning"),
+    [
+        ("snp", 0x8E0A, "port is not open"),
+        ("snp", 0x060E, "modem answered BUSY"),
+        ("snp", 0x0413, "status word location"),
+        ("snp", 0x0055, "slave SNP task timed out before the service response arrived"),
+        ("snp", 0x410D, "privilege level 2 is needed"),
+        ("snp", 0x2F0C, "no buffer in time"),
+        ("snp", 0xF505, "password invalid"),
+        ("snp-x", 0x720F, "X-Buffer, block check code"),
+        ("snp-x", 0x010F, "request code not supported or not valid now"),
+        ("snp-x", 0x0013, "port configurator error"),
+        ("ccm", 0x1702, "no valid acknowledge to a master enquiry"),
+    ],
+)
+def test_status_words_have_names(protocol: str, status: int, meaning: str) -> None:
+    known = load(protocol)
+    blocks = blocks_of(application_of(known, None, protocol), known, "master")
+    assert blocks.meaning(status) == meaning
+
+
+FAULTY = "station: SNPID1\nmemory: {{set: {{R1: [{values}]}}}}\nfaults: {{seed: 1, rules: [{{fault: {fault}}}]}}\n"
+ATTACH = [7200, *text_words("SNPID1"), 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("fault", "status"),
+    [
+        ("wrong_check, frame: attach_response", 0x220C),
+        ("no_reply, frame: attach_response", 0x040C),
+    ],
+)
+def test_codes_of_attach(tmp_path: Path, fault: str, status: int) -> None:
+    world = CommandWorld(tmp_path, "snp", FAULTY.format(fault=fault, values="1"))
+    assert world.do(*ATTACH) == status
+
+
+def test_a_reply_that_is_refused_twice(tmp_path: Path) -> None:
+    """The vectors have a buffer that does not come (2F0Ch), and one that is refused twice."""
+    world = CommandWorld(tmp_path, "snp", FAULTY.format(fault="wrong_check, frame: mailbox, from: 3 s", values="1, 2"))
+    assert world.do(*ATTACH) == 1
+    world.clock.run_for(3 * SECOND)
+    assert world.do(7202, 8, 1, 2, 8, 100) == 0x290C
+    outcomes = application_of(load("snp"), None, "snp").tables["outcomes"].entries
+    assert (outcomes["no_buffer"], outcomes["damaged_twice"], outcomes["attach_parity"]) == (0x2F, 0x29, 0x21)
+
+
+def test_a_service_that_the_family_lacks_is_not_supported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    world = CommandWorld(tmp_path, "snp", "station: SNPID1\n")
+    assert world.do(*ATTACH) == 1
+    assert world.do(7204, 1, 1, 8, 100, *text_words("MAIN")) == 0x000B, "%P1 on a 90-30"
+
+
+def test_system_bits_can_be_toggled(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert "level 2 is needed" in called(tmp_path, capsys, "toggle", "memory=S", "point=1")
+    shown = called(tmp_path, capsys, "toggle", "memory=S", "point=1", more="--param privilege=2")
+    assert "refused" not in shown
+    assert "'R' is none of I, Q, T" in called(tmp_path, capsys, "toggle", "memory=R", "point=1")
