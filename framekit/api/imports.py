@@ -1,6 +1,6 @@
 """Definitions converted from other programs' descriptions of protocols: the formats and their readers.
 
-A format is one row of `FORMATS`. Its function takes the text of a file, the name of that file for messages, and the
+A format is one row of `FORMATS`. Its function takes the text of a file, the file name for messages, and the
 name of the new protocol. It raises DefinitionError for a text that is no such description.
 """
 

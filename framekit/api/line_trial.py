@@ -4,7 +4,7 @@ With a wrong speed or format, about half of the characters have framing or parit
 evidence, and a damaged character is counter-evidence; repetitions after the same character add none. Some regularities
 do not occur in real data: that the lowest bit of all characters is 0, or the eighth bit 1. They come from the start bit
 and the idle state of a line that is slower, or has a shorter format. If eight bits always have the same parity, the
-eighth is a parity bit. Each value with such a regularity halves the probability of chance. All evidence is counted in
+eighth is a parity bit. Each value with a regularity halves the probability of chance. All evidence is counted in
 bits: 10 bits are odds of a thousand to one.
 
 A wrong speed may still give undamaged characters, especially if the right speed is not among those tried. So the best
@@ -260,7 +260,7 @@ class LineTrial(PortEvents):
     """Listens to a port with each of `lines` for `each` ns; `on_end(verdict, why)` is called once, `why` for a lost
     port.
 
-    `told` gets each result. The port is opened once, and its speed and format are changed.
+    Each result is passed to `told`. The port is opened once, and its speed and format are changed.
     """
 
     def __init__(

@@ -1,6 +1,6 @@
 """The memory of a device or a run, read and written by address with the types of the API, from any thread.
 
-The owner of the memory provides the calls into the right thread. Watches and triggers see what is written.
+The owner of the memory provides the calls into the right thread. Watches and triggers see the writes.
 """
 
 from __future__ import annotations

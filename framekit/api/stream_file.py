@@ -227,7 +227,7 @@ def _escaped(match: re.Match[str]) -> str:
 
 
 class _ToldError(Exception):
-    """Raised for a construct that StreamDevice refuses where it is used, or that has no meaning outside of an IOC."""
+    """Raised for a construct that is an error at its place of use, or that has no meaning outside of an IOC."""
 
     def __init__(self, at: Position, what: str, todo: str) -> None:
         super().__init__(what)

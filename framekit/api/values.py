@@ -129,7 +129,7 @@ def asked(make: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
 
 
 def answered(read: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
-    """Return the result of `read` on a reply. Raises ReplyError for data without such a value."""
+    """Return the result of `read` on a reply. Raises ReplyError for unfit data."""
     try:
         return read(*args, **kwargs)
     except ValueError as error:

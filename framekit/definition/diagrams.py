@@ -1,6 +1,6 @@
 """State diagrams of link procedures, as Mermaid text, drawn from the same steps that are executed.
 
-The diagrams contain nothing but the definition. The execution of a step is not known here.
+The diagrams contain only the definition. The execution of a step is not known here.
 """
 
 from __future__ import annotations

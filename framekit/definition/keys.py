@@ -156,7 +156,7 @@ def mapping_of(part: type, schema: Schema) -> Form:
 
 
 def list_of(part: type, schema: Schema) -> Form:
-    """Return the form of mappings that are read into a class; a single mapping counts as a list of one."""
+    """Return the form of mappings that are read into a class; a single mapping counts as a list."""
     return Form(schema, lambda r, node: tuple(read_part(part, r.loader, item) for item in r.reader.items(node)))
 
 

@@ -292,7 +292,7 @@ def _by_function(
 ) -> dict[tuple[str, int | None, int | None], list[int]]:  # fmt: skip
     """Return the numbers of the frames by (side, value of the byte that selects the form, its offset).
 
-    If one side has such a byte and replies repeat it, the frames of the other side are separated by it too.
+    If replies repeat this byte of their request, it separates the frames of the other side too.
     """
     sides: dict[str, list[int]] = defaultdict(list)
     for number, side in numbers:

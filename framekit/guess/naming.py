@@ -23,7 +23,7 @@ LONGEST_NAME = 60
 LARGEST_NUMBER = 8
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 WORDS = frozenset({"if", "else", "or", "and", "not", "in", "it", "part", "request", "reply", "buffer", "own", "frame"})
-"""Reserved words of expressions: a field with such a name could not be used in an expression."""
+"""Reserved words of expressions: they cannot name a field in an expression."""
 ORDERS = ("big", "little", "BADC", "CDAB")
 KEPT_KINDS = {
     "check": "the check",

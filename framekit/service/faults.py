@@ -28,7 +28,7 @@ LONGEST_NOISE = 4
 
 @dataclass(slots=True)
 class Treated:
-    """Result of treating the bytes of one `write`."""
+    """Result of treating the bytes of a `write`."""
 
     pieces: list[tuple[int, bytes]] = field(default_factory=list)
     """Pieces with the pause (ns) before each; empty: the bytes are lost."""

@@ -68,7 +68,7 @@ def cycle_starts(cycles: Sequence[Cycle]) -> dict[tuple[int, int], tuple[float, 
 
 
 class _Play:
-    """Simulates blocks that start in their cycles, or after such a block, and only take their time."""
+    """Simulates blocks that start in their cycles or after one another, and only take their time."""
 
     def __init__(self, cycles: Sequence[Cycle]) -> None:
         numbers = {block.id for block, _, _ in cycles}
@@ -199,7 +199,7 @@ def _reached(load: BlockLoad, starts: Mapping[BlockKey, tuple[float, float]]) ->
 
 
 class Periods:
-    """Periods of blocks: from cycles, clock bits, and blocks that follow such a block."""
+    """Periods of blocks: from cycles, clock bits, and blocks that follow them."""
 
     def __init__(self, run: RunModel) -> None:
         self.grammar: AddressGrammar = addresses_of(run.memory)

@@ -97,7 +97,7 @@ class ChannelOpener(Interface):
         """Make and open a channel. Raises ValueError for a port that cannot be made."""
 
     def close_for_jobs(self, number: int) -> None:
-        """Close and remove such a channel."""
+        """Close and remove a channel opened for jobs."""
 
 
 class HostChannels:
@@ -190,7 +190,7 @@ class HostChannels:
         return number
 
     def _make_room(self) -> bool:
-        """Close the channel that has been unused for the longest time; return whether such a channel existed."""
+        """Close the channel that has been unused for the longest time; return whether an unused channel existed."""
         idle = next((number for number in self.opened if not self._in_use(number)), None)
         if idle is not None:
             self._close(idle)

@@ -379,7 +379,7 @@ class RunService(ChannelOwner):
         self.lines.open(number)
 
     def close_for_jobs(self, number: int) -> None:
-        """Close and remove such a channel."""
+        """Close and remove a channel opened for jobs."""
         self.close_channel(number)
         self.scheduler.remove_channel(number)
         self.lines.remove(number)

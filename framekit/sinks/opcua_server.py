@@ -27,7 +27,7 @@ LONGEST_WRITE = 60
 """Longest time (s) that a client waits until its value is written."""
 
 UNITS = "http://www.opcfoundation.org/UA/units/un/cefact"
-"""The namespace of units; without a number of that list (-1) the text is valid (OPC UA part 8, section 5.6.3)."""
+"""The namespace of units; without a number in the list (-1) the text is valid (OPC UA part 8, section 5.6.3)."""
 
 _TYPES = {
     "string": (ua.VariantType.String, str),

@@ -224,7 +224,7 @@ class SparkplugSink(Sink):
         self._lock = threading.Lock()
         self._seq = 0
         self._births = time.time_ns() // 1_000_000_000 % 256
-        """Number of the birth, 0 to 255; it differs from that of the previous run."""
+        """Number of the birth, 0 to 255, different from the number of the previous run."""
         self._born = 0
 
     def meet(self, host: Host) -> None:

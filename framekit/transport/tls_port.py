@@ -87,7 +87,7 @@ def parted(url: str) -> tuple[str, dict[str, str]]:
 
 
 def placed(url: str, folder: Path) -> str:
-    """Return the URL with relative file names resolved in that folder. Raises ValueError."""
+    """Return the URL with relative file names resolved in `folder`. Raises ValueError."""
     place, given = parted(url)
     for name in FILES:
         if name in given:

@@ -1,7 +1,7 @@
 """The page of an unknown line: the rows of a recording, a few at a time, possible types of its bytes, and names for
 them.
 
-A browser requests the rows it shows; the server stores nothing for it except the version of the names that it has
+A browser requests the rows it shows; the server stores only the version of the names that it has
 received.
 """
 

@@ -1,4 +1,4 @@
-"""The live display: `show` opens it for a session, or reports what it lacks."""
+"""The live display: `show` opens it for a session, or reports a missing library."""
 
 from __future__ import annotations
 

@@ -103,7 +103,9 @@ def _keys(protocol: Protocol, frame: Frame, ends: FrameEnds) -> Iterator[Problem
 
 
 def _two_of_wire(protocol: Protocol, frame: Frame, said: Expression) -> Iterator[Problem]:
-    """Report a second meaning of `wire` in the announcements of a frame, where it is the bytes of the whole frame."""
+    """Report a second meaning of `wire` in the announcements of a frame, in which `wire` is the bytes of the whole
+    frame.
+    """
     if WIRE in names_in(said.root):
         holder = f"'{frame.name}' has a value" if WIRE in field_names(frame.segments) else ""
         for section in ("params", "state", "tables"):
@@ -415,8 +417,7 @@ class _LeftForOthers:
     def _first(
         self, segments: Segments, stops: tuple[bytes, ...], surely: bool = False, is_all: bool = True
     ) -> str | None:
-        """Return what is wrong with the first byte of these segments, which must be one of `stops`; None if it is
-        right.
+        """Return the fault of the first byte of these segments, which must be one of `stops`; None if it is right.
 
         `surely`: it must be so for all values. `is_all`: no other segments follow.
         """
@@ -433,9 +434,7 @@ class _LeftForOthers:
         return f"{absent}nothing follows it" if is_all else None
 
     def _begins(self, segment: Segment, stops: tuple[bytes, ...], surely: bool) -> str | None:
-        """Return what is wrong with the first byte of one segment, if it is present and has bytes; None if it is
-        right.
-        """
+        """Return the fault of the first byte of one segment, if it is present and has bytes; None if it is right."""
         blocks = (segment.members,) if segment.is_record else () if segment.is_there_inside else segment.blocks
         if blocks:
             found = (self._first(block, stops, surely, False) for block in blocks)

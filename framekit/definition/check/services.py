@@ -252,7 +252,7 @@ def _sides(protocol: Protocol, row: ServiceRow) -> Iterator[Problem]:
 
 
 def _amounts(row: ServiceRow) -> Iterator[Problem]:
-    """Report limits and alignments that allow nothing or have no effect, and defaults of arguments outside of their
+    """Report useless limits and alignments, and defaults of arguments outside of their
     range.
     """
     for expression in (row.limit.count, row.limit.bytes):

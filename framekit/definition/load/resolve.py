@@ -1,6 +1,6 @@
 """Resolution of names once all frames are known: names of numbers, `station:` of rows, the words of items.
 
-The fields behind a name are narrowed to the relevant frames: for `it` of a row its frames, for `request` and `reply` of
+The fields of a name are narrowed to the relevant frames: for `it` of a row its frames, for `request` and `reply` of
 a service row the frames it sends and takes. `station:` becomes a condition: the station that the frame names is this
 one.
 
@@ -423,8 +423,8 @@ def _texts(ways: Iterable[Way]) -> tuple[tuple[Path, str], ...]:
 def _condition(
     ways: tuple[Way, ...], others: list[str], station: Expression, padding: Mapping[Path, str]
 ) -> Expression:
-    """Return `'field' not in it or it.field == station`, for each way; `others`: frames that use such a field
-    otherwise.
+    """Return `'field' not in it or it.field == station`, for each way; `others`: frames with another use of the
+    field.
     """
     at = station.at
     texts, nodes = [], list[Node]()

@@ -23,7 +23,7 @@ class FrameOf:
 
 @dataclass(frozen=True, slots=True)
 class LayoutOf:
-    """`{layout: {field: value, …}}`: makes bytes of that layout."""
+    """`{layout: {field: value, …}}`: makes bytes of the layout."""
 
     layout: str
     fields: Mapping[str, Value]
