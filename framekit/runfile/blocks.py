@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Collection, Iterator
 from collections.abc import Mapping as MappingOf
 from pathlib import Path
@@ -44,6 +45,11 @@ from framekit.runfile.transfers import CallLoader, FrameBlockLoader, OwnPlaces, 
 INSTRUCTIONS: tuple[Instruction, ...] = ("read", "write", "send", "receive", "call", "command")
 
 
+def _without_zeros(address: str) -> str:
+    """Return an address without the zeros in front of its number: `F93` for `F00093`."""
+    return re.sub(r"(?<=\D)0+(?=\w)", "", address, count=1)
+
+
 class BlockLoader:
     """Reads blocks, given the address grammar of the own memory and the channels of the run."""
 
@@ -56,9 +62,12 @@ class BlockLoader:
         root: MappingNode,
         jobs: JobsSection | Literal["wrong"] | None = None,
         folder: Path = Path(),
+        own_bits: Collection[str] = (),
     ) -> None:
+        """Prepare the loader; `own_bits`: bits that the own memory sets by itself, as its profile writes them."""
         self.reader = reader
         self.grammar = grammar
+        self._own_bits = {_without_zeros(bit): bit for bit in own_bits}
         self.channels = channels
         self.known = known
         self.attempts = attempts = Attempts()
@@ -80,10 +89,15 @@ class BlockLoader:
         scalar = self.reader.scalar(node)
         text = scalar.text.strip()
         try:
-            self.grammar.parse(text)
-            return Expression(text, Name(scalar.at, text))
+            address = self.grammar.parse(text)
         except AddressError:
             expression = self.reader.expression(node)
+        else:
+            bit = self._own_bits.get(_without_zeros(text), text)
+            if address.unit != "bit" and bit != text:
+                what = f"'{text}' is a word, which is no condition here; the bit of this number is {bit}"
+                raise self.reader.broken(scalar.at, what, f"write {bit}")
+            return Expression(text, Name(scalar.at, text))
         for name in sorted(names_in(expression.root)):
             self.places.place(Scalar(name, scalar.at, False))
         return expression

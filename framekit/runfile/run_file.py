@@ -24,6 +24,7 @@ from framekit.definition.model.services import JobWork
 from framekit.definition.nodes import Mapping, Node, Scalar, without
 from framekit.definition.nodes import Mapping as MappingNode
 from framekit.definition.problems import NOWHERE, DefinitionError, Problem, did_you_mean
+from framekit.definition.times import MOST_STATIONS
 from framekit.link.addresses import AddressGrammar
 from framekit.memory.profile import BlockWords, MemoryProfile, load_profile, load_profile_node, read_scan
 from framekit.run.block_words import check_items, status_sections, words_of
@@ -109,7 +110,10 @@ class RunLoader:
         jobs = self._jobs(grammar)
         if self.root.get("channels") is None and (jobs is None or (jobs != "wrong" and jobs.opening is None)):
             self.reader.note(self.root.at, "missing key 'channels' in a run file", "add it")
-        blocks = BlockLoader(self.reader, grammar, channels, known, self.root, jobs, self.path.parent)
+        own_bits: list[str] = []
+        if profile is not None:
+            own_bits = [*(clock.address for clock in profile.clocks), *(bit.address for bit in profile.fixed)]
+        blocks = BlockLoader(self.reader, grammar, channels, known, self.root, jobs, self.path.parent, own_bits)
         memory = self.root.get("memory")
         first = memory.get("set") if isinstance(memory, Mapping) else None
         initial = tuple(
@@ -157,6 +161,7 @@ class RunLoader:
         on = {number for number, enabled in self._sets().items() if enabled}
         at_work = [block for block in blocks if block.enabled and block.set in on]
         self.reader.problems.extend(overlaps(at_work, channels, tuple(profile.flags.values()) if status else ()))
+        self.reader.problems.extend(too_many_stations(blocks, channels))
 
     def _text(self, key: str) -> str:
         node = self.root.get(key)
@@ -482,6 +487,22 @@ def never_started(blocks: Sequence[Block]) -> Iterator[Problem]:
         if {block.number} == set(numbers):
             what = f"block {block.label} only starts behind itself"
         yield Problem(block.at, what, "add once:, every: or another trigger", warning=True)
+
+
+def too_many_stations(blocks: Sequence[Block], channels: MappingOf[int, Channel]) -> Iterator[Problem]:
+    """Yield a problem for each channel whose blocks name more stations than its kind of line supports.
+
+    Devices on simulated lines are counted where they are loaded. An RS-232 line may lead to a converter: a warning.
+    """
+    for channel in channels.values():
+        kind = channel.wiring.type
+        if kind is None or channel.port.startswith("sim:"):
+            continue
+        count = len({block.station for block in blocks if block.channel == channel.number} - {None})
+        if count > MOST_STATIONS[kind]:
+            what = f"blocks name {count} stations on one {kind} line, which has room for {MOST_STATIONS[kind]}"
+            todo = "use more channels" if kind == "rs485" else "use type: rs485, or more channels"
+            yield Problem(channel.port_at, what, todo, warning=kind == "rs232")
 
 
 def _before(block: Block) -> Iterator[int]:

@@ -1,4 +1,4 @@
-"""What a simulated processor counts and answers to the command that reads its diagnostic counters."""
+"""Counters of a simulated processor, and its answer to the command that reads them."""
 
 from __future__ import annotations
 

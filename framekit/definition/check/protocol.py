@@ -50,6 +50,9 @@ def _user_frames(frame: Frame) -> Iterator[Problem]:
             what = "a tail holds only constants and a check in this profile"
             yield Problem(segment.at, what, "move it to the body")
     variables = [segment for segment in frame.body if isinstance(segment, (Data, Field))]
+    if not frame.body:
+        what = "the body is empty, which this profile does not allow"
+        yield Problem(frame.at, what, "give it a constant or a variable")
     for segment in frame.body:
         if not isinstance(segment, (Data, Field, Const)) and not segment.is_ignored:
             what = "a body holds only constants and variables in this profile"
