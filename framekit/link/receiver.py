@@ -316,8 +316,7 @@ class Receiver:
                                 size, first, last, order = info.counted
                                 size += from_bytes(buffer[place + first : place + last], order)
                             if size <= 0:
-                                if not self._quiet < size < 0 or end - place > MEASURED_AGAIN:
-                                    break
+                                waiting = waiting if self._quiet < size < 0 and end - place <= MEASURED_AGAIN else ()
                                 size = UNKNOWN
                         stop = place + size
                         if stop > end:
@@ -343,21 +342,14 @@ class Receiver:
                         arrived.offset = offset + place
                         arrived.times = times if place >= newest else stream.times_of(place, stop)
                         found.append(arrived)
-                        place = stop
+                        place, self._good_since = stop, True
                 except CODEC_ERRORS:
                     pass
-                if place > stream.position:
-                    stream.position, self._good_since = place, True
-            if place >= end and not (noise or self._skipping):
-                return None
-            self.on_scan()
-            is_usual = not (place >= end or noise or self._skipping) and self._delimiter is None
-            event = self._pass_noise(frames, place) if is_usual else self._look(frames)
-            if event is None:
-                return None
-            if not isinstance(event, Again):
-                if found is None or isinstance(event, FrameValue):
-                    return event
+                stream.position = place
+            event = self._look(frames)
+            if event is None or (found is None and not isinstance(event, Again)):
+                return event
+            if found is not None and not isinstance(event, Again | FrameValue):
                 found.append(event)
 
     def _waits(self, names: tuple[str, ...], place: int) -> bool:
@@ -378,6 +370,9 @@ class Receiver:
     def _look(self, frames: ExpectedFrames) -> Found:
         """Look at the position with care, and pass over noise from there on."""
         stream, noise = self.stream, self._noise
+        if stream.position >= len(stream.buffer) and not (noise.data or self._skipping):
+            return None
+        self.on_scan()
         if self._delimiter is not None:
             passed = self._pass_fill()
             if passed is not None:
@@ -387,9 +382,10 @@ class Receiver:
             return self._at_end()
         if self._skipping:
             return self._skip()
-        is_after_silence = bool(stream.silences) and stream.first_after(stream.silences, first - 1) == first
-        if noise.data and (noise.is_long or is_after_silence):
-            return noise.take()
+        if noise.data:
+            is_after_silence = bool(stream.silences) and stream.first_after(stream.silences, first - 1) == first
+            if noise.is_long or is_after_silence:
+                return noise.take()
         return self._pass_noise(frames, first)
 
     def _pass_fill(self) -> Found:
