@@ -484,12 +484,11 @@ class Transfer(Exchange):
     def brought(self, data: bytes, reply: FrameValue | None, buffer: bytes, done: Done) -> None:
         """Report the data of one place that a single exchange has read; they have the size that was requested."""
         numbers, taken = self._plan.numbers, self.taken
-        assert numbers is not None and taken is not None  # the plan `is_single`
+        assert numbers is not None  # the plan `is_single`
         if self._read is not None:
             self._read.spare = self
-        done(
-            TransferResult(True, list(numbers(data)), data, "", "", None, "", 1, 0, {}, reply, taken.raw or b"", buffer)
-        )
+        raw = b"" if taken is None else taken.raw or b""
+        done(TransferResult(True, list(numbers(data)), data, "", "", None, "", 1, 0, {}, reply, raw, buffer))
 
     def ended(self, outcome: Outcome) -> None:
         """End with a failure; if the reply is a refusal, with its code."""
