@@ -1,4 +1,4 @@
-"""Distinguish the echo of a request from a reply with the same bytes, as Modbus gives to a write of one register.
+"""Distinguish the echo of a request from a reply with the same bytes.
 
 A line has an echo if a client hears the frames that it sends. The states of a line:
 
