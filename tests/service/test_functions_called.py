@@ -288,7 +288,7 @@ def test_a_read_leaves_nothing_to_the_collector() -> None:
 
 CODES_OF_A_READ = {
     "mldp": (("%MW100", 1, "client", None), 3580, 3680),
-    "srtp": (("%R1", None, "client", None), 4090, 5170),
+    "srtp": (("%R1", None, "client", None), 4090, 5200),
     "df1": (("N7:0", 1, "full", 0), 8850, 9950),
 }
 """What holds now: place, station, role and own station; byte codes of the client and of the server for ten words."""
