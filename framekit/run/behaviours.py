@@ -1,13 +1,14 @@
-"""Behaviours: how values in the memory of a simulated device move by themselves, with time and with each other.
+"""Behaviours: values in the memory of a simulated device that change by themselves, with time and with each other.
 
-A kind is a class and a row of `BEHAVIOURS`: its keys in a device file, made by `key` (the first names the kind), and
-`value`, which works the value out at a moment. A behaviour is frozen: it goes on from what stands in memory.
+A kind of behaviour is a class and a row of `BEHAVIOURS`: `key` declares its keys in a device file (the first one names
+the kind), and `value` computes the value at a moment. A behaviour is frozen; it continues from the values in memory.
 
-At work the memory moves with time. That is sans-I/O: it is told the time. Each behaviour is worked out at `after`,
-`after + every`, `after + 2 × every` … from the start; times that were missed are skipped. Those that go on from what
-stands there (counters, walks, what lags) go by what the others were before, the others by what all are now. A number
-beyond its type stays at that end, or begins again at the other one (`wraps`); one that cannot be worked out changes
-nothing and is told.
+`Behaving` runs the behaviours of a device. It is sans-I/O: its owner passes the time. Each behaviour is computed at
+`after`, `after + every`, `after + 2 × every` … from the start; missed times are skipped. At each moment, behaviours
+without a formula and those that continue from their last value (counters, walks, followers with a lag) are computed
+from the memory before the moment; the other formulas follow and see all values stored so far. A number outside the
+range of its type is limited to the range, or wraps to the other end (`wraps`). A value that cannot be computed leaves
+the memory as it is and is reported.
 """
 
 from __future__ import annotations
@@ -37,24 +38,25 @@ from framekit.run.model import Point
 from framekit.run.points import scaled, unscaled
 
 SHORTEST = 1_000_000
-"""Nothing of a behaviour takes less (ns)."""
+"""The shortest period of a behaviour, and of the times in its keys (ns)."""
 SECOND = 1_000_000_000
 TYPES = tuple(name for name in (*UNIT_BITS, *VIEWS) if name != "string")
-"""What a place can hold that behaves."""
+"""The types of the values that a behaviour can set."""
 
 
 class BehaviourMoment(NamedTuple):
-    """When a value is worked out: `time` since the behaviour began, `passed` since it was worked out before (ns).
-
-    `passed` is 0 the first time, then a multiple of `every`. `before`: the value that stands there. `worked_out`: what
-    its formula comes to, over what stands in memory. `dice`: chance, repeatable by a seed.
-    """
+    """The moment for which a value is computed."""
 
     time: int
+    """The time since the first computation was due (ns), a multiple of `every`."""
     passed: int
+    """The time since the last computation (ns): 0 for the first computation, then a multiple of `every`."""
     before: Callable[[], float]
+    """Return the present value of the place."""
     worked_out: Callable[[], float]
+    """Return the result of the formula for the present values in memory."""
     dice: random.Random
+    """A random generator with a seed, so that runs are repeatable."""
 
 
 # ---- forms of values ------------------------------------------------------------------------------------------
@@ -82,7 +84,7 @@ def _number(reading: KeyReading, node: Node) -> float:
 
 
 def number_of(text: str) -> float:
-    """A number as files write it; whole ones stay whole. Raises ValueError."""
+    """Return a number as files write it; whole numbers stay whole. Raise ValueError if the text is not a number."""
     try:
         return int(text)
     except ValueError:
@@ -114,7 +116,7 @@ AMOUNT = Form({"$ref": f"{_IN_POINTS}exact"}, _number)
 SPAN = Form({"$ref": f"{_IN_POINTS}span"}, _span)
 LIMITS = Form({"$ref": f"{_IN_POINTS}span"}, _limits)
 FORMULA = Form(ref("expression"), _formula)
-"""An expression over names of behaviours and addresses; the loader sees to it that they are there."""
+"""An expression over names of behaviours and addresses; the loader checks that they exist."""
 
 
 def _word(name: str, *known: str) -> Form:
@@ -126,11 +128,7 @@ def _word(name: str, *known: str) -> Form:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Behaviour(ABC):
-    """What a device file says of one place that moves by itself. `place`: the value there, as points have it; `names`:
-    the places that its formula reads, by the names it uses.
-
-    `every` (ns): how often it is worked out, the first time `after` ns after the start.
-    """
+    """A behaviour of one place, as a device file defines it."""
 
     word: ClassVar[str]
     name: str | None = key("name", IDENTIFIER, "What expressions call it; its address does as well.", default=None)
@@ -141,48 +139,53 @@ class Behaviour(ABC):
     scale: float = key("scale", AMOUNT, "The value is the number that stands there times this, exactly.", default=1)
     offset: float = key("offset", AMOUNT, "Added to it.", default=0)
     every: int = key("every", PERIOD, "How often it is worked out; default 1 s.", default=SECOND)
+    """The period of the computation (ns)."""
     after: int = key("after", DELAY, "It begins so long after the start; default: at once.", default=0)
+    """The time from the start of the device to the first computation (ns)."""
     place: Point
+    """The place, with the type and scaling of its value, like a point of a run."""
     names: Mapping[str, Point] = field(default_factory=dict)
+    """The places that the formula reads, by the names in the formula."""
     at: Position
 
     @abstractmethod
     def value(self, now: BehaviourMoment) -> float | None:
-        """The value then; None: what stands there stays. Raises EVALUATION_ERRORS."""
+        """Return the value for this moment, or None to leave the memory as it is. Raise EVALUATION_ERRORS."""
 
     @property
     def first(self) -> float | None:
-        """What stands there when the device starts, also while it waits; None: what the memory holds."""
+        """Return the value to store when the device starts, also before `after` has passed; None: keep the memory."""
         return None
 
     @property
     def numbers(self) -> Iterator[tuple[str, float]]:
-        """The numbers that will stand there for certain, each with its key."""
+        """Yield the numbers that the behaviour certainly stores, each with the key that gives it."""
         yield from ()
 
     @property
     def formula(self) -> Expression | None:
-        """What it is worked out from."""
+        """Return the expression that the value depends on, or None."""
         return None
 
     @property
     def goes_on(self) -> bool:
-        """Whether it goes on from what stands there: then it goes by what the others were before."""
+        """Return whether the value continues from the last value; then it is computed from the memory before the
+        moment."""
         return False
 
     @property
     def wraps(self) -> bool:
-        """Whether whole numbers begin again at the other end of their type; if not, they stay at this one."""
+        """Return whether a whole number outside its type wraps to the other end; if not, it is limited to the range."""
         return False
 
     def useless(self) -> Iterator[tuple[str, str]]:
-        """Keys that have no effect here, with the reason."""
+        """Yield the keys that have no effect here, each with the reason."""
         yield from ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Starting(Behaviour):
-    """A behaviour that goes on from a start value."""
+    """A behaviour that continues from a start value."""
 
     start: float | None = key(
         "start", AMOUNT, "What stands there at the start; default: what the memory holds.", default=None
@@ -194,7 +197,7 @@ class Starting(Behaviour):
 
     @property
     def start_number(self) -> Iterator[tuple[str, float]]:
-        """The start value as one of the numbers that will stand there."""
+        """Yield the start value, if it is given, as one of the `numbers`."""
         if self.start is not None:
             yield "start", self.start
 
@@ -399,16 +402,16 @@ BEHAVIOURS.update((kind.word, kind) for kind in (Hold, Ramp, Sine, Square, Rando
 
 
 def add_behaviour(word: str, kind: type[Behaviour]) -> None:
-    """Registers a kind of behaviour of a program's own.
+    """Register a program's own kind of behaviour.
 
-    Raises ValueError for a word that means something in a behaviour already, and for no schema.
+    Raise ValueError for a word that is already a key of behaviours, and for an invalid schema.
     """
     add_kind_of("device", "behaviour", word, schema_of(kind), kind.__module__)
     BEHAVIOURS[word] = kind
 
 
 def schema_of(kind: type[Behaviour]) -> dict[str, Any]:
-    """The schema of a behaviour of this kind."""
+    """Return the schema of this kind of behaviour."""
     return kind_schema(kind, f"{kind.word} behaviour")
 
 
@@ -419,7 +422,7 @@ Told = Callable[[str], None]
 
 
 class _BehavingPlace:
-    """A value in a memory: read and written in its own scale."""
+    """A place in memory that is read and written as a value in the scale of its point."""
 
     def __init__(self, point: Point, memory: DeviceMemory) -> None:
         self.point, self.form = point, point.form
@@ -427,17 +430,17 @@ class _BehavingPlace:
         self._area, self._first = memory.area(address.area), address.first_bit
 
     def numbers(self) -> list[int]:
-        """What stands there, as elements of memory."""
+        """Return the elements of memory at the place."""
         return self._area.read_from(self._first, self.form.carrier, self.form.units)
 
     def read(self) -> float:
-        """The value there. Raises ValueError where none stands."""
+        """Return the value of the place. Raise ValueError if the elements are not a value of its type."""
         numbers, form = self.numbers(), self.form
         value: float = scaled(self.point, form.values(memory_of(numbers, form.carrier), numbers)[0])
         return value
 
     def write(self, value: float, wraps: bool) -> float:
-        """Stores a value, and says which: one that its type can hold. Raises ValueError for what is no number."""
+        """Store a value within the range of its type and return the stored value. Raise ValueError for a non-number."""
         raw: float = unscaled(self.point, value)
         assert self.form.bounds is not None
         least, most = self.form.bounds
@@ -454,14 +457,14 @@ class _BehavingPlace:
         return value
 
     def _less(self, value: float, raw: float) -> float:
-        """The value less a number of memory, exactly: its fraction stays."""
+        """Return the value minus a number of memory, calculated exactly: its fraction stays."""
         scaling = self.point.scaling
         exact = Fraction(str(value)) - Fraction(raw) * Fraction(1 if scaling is None else scaling.factor)
         return int(exact) if exact.denominator == 1 else float(exact)
 
 
 class _Values:
-    """What an expression reads: values by name, as they are now."""
+    """The operands of an expression: present values by name."""
 
     def __init__(self, readers: Mapping[str, Callable[[], float]]) -> None:
         self._readers = readers
@@ -471,7 +474,10 @@ class _Values:
 
 
 class _Course:
-    """A behaviour at work. It keeps the exact value of what it has stored, until others write there."""
+    """The state of a behaviour at work.
+
+    It keeps the exact value that it stored until the memory at its place changes.
+    """
 
     def __init__(self, behaviour: Behaviour, memory: DeviceMemory, seed: str) -> None:
         self.behaviour = behaviour
@@ -489,22 +495,23 @@ class _Course:
         raise ValueError("it has no formula")
 
     def before(self) -> float:
-        """The value there, exactly where nothing else has been written since."""
+        """Return the value of the place: the exact one if the memory is as this behaviour stored it."""
         if self._exact is not None and self._exact[0] == self.place.numbers():
             return self._exact[1]
         return self.place.read()
 
     def store(self, value: float) -> None:
-        """Raises ValueError for what is no number."""
+        """Store a value. Raise ValueError if it is not a number."""
         kept = self.place.write(value, self.behaviour.wraps)
         self._exact = self.place.numbers(), kept
 
 
 class Behaving:
-    """The behaviours of one device over its memory. `told` hears what cannot be worked out, once as long as it lasts.
+    """The behaviours of one device over its memory.
 
-    `behaviours` stand in the order in which they are worked out: those that others need come before these. `name`: of
-    the device; chance of another device is another one.
+    `behaviours` are in the order of their computation: a behaviour comes after those that its formula reads. `name` is
+    the name of the device; it is part of the seed, so that devices differ. `told` is a callback for values that cannot
+    be computed; a message that repeats is passed once.
     """
 
     def __init__(self, behaviours: Sequence[Behaviour], memory: DeviceMemory, name: str, told: Told) -> None:
@@ -516,7 +523,7 @@ class Behaving:
         self._began = 0
 
     def begin(self, now: int) -> None:
-        """The device starts: values stand as they are at first."""
+        """Start the device: store the start values and schedule the first computations."""
         self._began = now
         for number, state in enumerate(self._states):
             if state.behaviour.first is not None:
@@ -527,11 +534,11 @@ class Behaving:
 
     @property
     def deadline(self) -> int:
-        """When the next value is to be worked out."""
+        """Return the time of the next computation."""
         return self._due[0][0] if self._due else NEVER
 
     def tick(self, now: int) -> None:
-        """Works out what is due."""
+        """Compute and store the values that are due."""
         due = []
         while self._due and self._due[0][0] <= now:
             due.append(heapq.heappop(self._due)[1])

@@ -1,4 +1,4 @@
-"""The words in memory that belong to the blocks of a run: their state is shown there, their settings come from it."""
+"""The words in memory that belong to the blocks of a run: they show the state of the blocks and hold their settings."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ Key = tuple[int, int]
 """Set and number of a block."""
 
 _COUNTED = (16, 32, 64)
-"""Bits that a count can have."""
+"""The sizes that a count can have, in bits."""
 
 
 def status_sections(sections: Iterable[BlockWords]) -> tuple[BlockWords, ...]:
-    """Those of a profile's sections that show the state of blocks."""
+    """Return the sections of a profile that show the state of blocks."""
     return tuple(section for section in sections if any(name in ITEMS or name in PULSES for name in section.items))
 
 
 class StatusWords:
-    """Shows blocks in the words of those `sections` that show state, also in areas that are read-only for others.
+    """Show blocks in the words of the `sections` that show state, also in areas that are read-only for others.
 
-    `pulse` is how long a pulse lasts, in nanoseconds. Blocks for which a section has no words are not shown there.
+    `pulse` is the length of a pulse in nanoseconds. A section has no effect on blocks outside its range.
 
     With a clock (`now`) the words are written late, when their area is accessed, until a watch needs each change at
-    once; `wake` is called then, because `deadline` counts from there on.
+    once. `wake` is called at that moment, because `deadline` counts from then on.
     """
 
     def __init__(
@@ -51,11 +51,11 @@ class StatusWords:
         self._sections = status_sections(sections)
         self._pulse = pulse
         self.deadline = NEVER
-        """When `tick` has a pulse to end; NEVER while words are written late."""
+        """The time at which `tick` must end a pulse; NEVER while words are written late."""
         self._wake = wake
         self._late: dict[Key, tuple[Shown, bool | None, int]] = {}
-        """Blocks whose words are not written yet: the state, whether its last exchange ended well (None: no exchange
-        ended), and the time of that end."""
+        """Blocks whose words are not written yet: the state, whether the last exchange ended well (None: no exchange
+        ended), and when it ended."""
         areas = [memory.area(section.area) for section in self._sections]
         self._now = now if areas and all(isinstance(area, LateArea) for area in areas) else None
         """The time while words are written late; None when they are written at once."""
@@ -138,7 +138,7 @@ class StatusWords:
         self.deadline = self._ends[0][0] if self._ends and self._now is None else NEVER
 
     def tick(self, now: int) -> None:
-        """Ends the pulses whose time is over."""
+        """End the pulses whose time is over."""
         while self._ends and self._ends[0][0] <= now:
             key = self._ends[0][1]
             end = self._end_of[key]
@@ -166,9 +166,10 @@ class StatusWords:
 
 
 class _Layout:
-    """What one section says of a block, in its words as one number.
+    """The bits of one section for a block; its words are read and written as one number.
 
-    `content(block)`: the counts and flags as they are now; `rest`: the bits that are none of them, and no pulse.
+    `content(block)` returns the bits of the present counts and flags in the number. `rest` is a mask of the bits that
+    are not in `content`; it includes the pulses.
     """
 
     __slots__ = ("content", "every_pulse", "pulses", "rest", "shows_something", "size")
@@ -185,7 +186,7 @@ class _Layout:
                 parts.append(f"({1 << first + item.bit} if {known} else 0)")
                 owned |= 1 << first + item.bit
             elif known is not None and (bits := UNIT_BITS[item.unit]) in _COUNTED:
-                mask = (1 << bits) - 1  # bits beyond a counter's size are lost, so it begins anew at 0
+                mask = (1 << bits) - 1  # bits beyond a counter's size are lost, so it wraps to 0
                 parts.append(f"({known} & {mask}) << {first}")
                 owned |= mask << first
         self.every_pulse = sum(self.pulses.values())
@@ -202,20 +203,20 @@ class _WordPlace:
     def __init__(self, area: Area, first: int, layout: _Layout) -> None:
         self._layout, self._size = layout, layout.size
         self._pulses, self._every_pulse = layout.pulses, layout.every_pulse
-        self._read = Area.bytes_reader(area, 2 * first, self._size)  # of the owner: these bring nothing up to date
+        self._read = Area.bytes_reader(area, 2 * first, self._size)  # as the owner of the area: without `bring`
         self._write = Area.bytes_writer(area, 2 * first, self._size)
 
     def show(self, status: Shown) -> None:
-        """What the counts are now; its pulses stay as they are."""
+        """Show the present counts; the pulses stay as they are."""
         before = int.from_bytes(self._read(), "little")
         number = before & self._layout.rest | self._layout.content(status)
         if number != before:
             self._write(number.to_bytes(self._size, "little"))
 
     def completed(self, status: Shown, kind: str) -> bool:
-        """An exchange has ended: other pulses end, then come the counts and the pulse of its kind together.
+        """Show the end of an exchange and return whether the section has a pulse for its kind.
 
-        Whether there is a pulse for its kind.
+        Pulses that are still on end first; then the counts and the pulse are written together.
         """
         layout, pulse, before = self._layout, self._pulses[kind], int.from_bytes(self._read(), "little")
         if before & self._every_pulse:
@@ -227,26 +228,26 @@ class _WordPlace:
         return pulse != 0
 
     def end_pulses(self) -> None:
-        """Ends the pulses that are on."""
+        """End the pulses that are on."""
         number = int.from_bytes(self._read(), "little")
         if number & self._every_pulse:
             self._write((number & ~self._every_pulse).to_bytes(self._size, "little"))
 
     def clear(self) -> None:
-        """Everything that this place shows is 0."""
+        """Set everything that this place shows to 0."""
         left = int.from_bytes(self._read(), "little") & self._layout.rest & ~self._every_pulse
         self._write(left.to_bytes(self._size, "little"))
 
 
 def words_of(sections: Iterable[BlockWords], key: Key) -> Iterator[tuple[BlockWords, int]]:
-    """The sections that have words for a block, and the first of them."""
+    """Yield the sections that have words for a block, each with the number of the first word."""
     for section in sections:
         if 1 <= key[0] <= section.sets and 0 <= key[1] < section.blocks:
             yield section, section.base(*key)
 
 
 def put_item(words: list[int], item: BlockItem, value: int) -> None:
-    """Puts a number where an item of a block stands; bits beyond its size are lost, so counters begin anew at 0."""
+    """Write a number to an item of a block; bits beyond its size are lost, so counters wrap to 0."""
     if item.bit is not None:
         mask = 1 << item.bit
         words[item.word] = words[item.word] | mask if value else words[item.word] & ~mask
@@ -256,19 +257,19 @@ def put_item(words: list[int], item: BlockItem, value: int) -> None:
 
 
 def get_item(words: list[int], item: BlockItem) -> int:
-    """The number that stands at an item of a block."""
+    """Return the number of an item of a block."""
     if item.bit is not None:
         return words[item.word] >> item.bit & 1
     return sum(words[item.word + at] << 16 * at for at in range(UNIT_BITS[item.unit] // 16))
 
 
 SLOTS = 4
-"""Variables of a block that have settings."""
+"""The number of variables of a block that have settings."""
 
 PLACES = {f"{kind}_{number}": (kind, number - 1) for kind in ("read", "write") for number in range(1, SLOTS + 1)}
 SIZES = {f"{name}_size": slot for name, slot in PLACES.items()}
 SETTINGS = ("station", *PLACES, *SIZES)
-"""What the words of a block can set, by the names that memory profiles use."""
+"""The settings that the words of a block can show or change, by the names that memory profiles use."""
 
 KINDS = {"read": "read", "receive": "read", "write": "write", "send": "write"}
 
@@ -279,17 +280,19 @@ class SettingError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class _Slot:
-    """A variable of a block: how its place is written, its size, and what sets that: `count` or a field's name."""
+    """A variable of a block."""
 
     text: str
+    """The address of the variable, as text."""
     size: int
     sets: str | None = None
+    """The key that the size sets: `count`, the name of a field, or None if the size is fixed."""
 
 
 class Given:
-    """The words of one section for a block as the run gives them, and where they stand: from word `first` of `area`.
+    """The words of one section for a block as the run defines them, from word `first` of `area` on.
 
-    `holds` tells whether they do.
+    `holds()` returns whether memory still contains these words.
     """
 
     __slots__ = ("area", "first", "holds", "section", "words")
@@ -302,13 +305,13 @@ class Given:
         self.holds = area.holder(2 * first, memory_of(words, "word"))
 
     def put(self, item: BlockItem, value: int) -> None:
-        """Another value for one item."""
+        """Change the value of one item."""
         put_item(self.words, item, value)
         self.holds = self.area.holder(2 * self.first, memory_of(self.words, "word"))
 
 
 class BlockSettings:
-    """Shows the settings of blocks in the words of those `sections` that have some, and reads them back each time."""
+    """Show the settings of blocks in the words of the `sections` that have settings, and read them back each time."""
 
     def __init__(self, memory: DeviceMemory, sections: Iterable[BlockWords]) -> None:
         self._memory = memory
@@ -317,7 +320,7 @@ class BlockSettings:
         self._given: dict[Key, list[Given]] = {}
 
     def show(self, block: Block, protocol: Protocol) -> Sequence[Given]:
-        """Puts a block's settings into its words, as the run gives them, over what stood there."""
+        """Write the settings of a block, as the run defines them, to its words."""
         key = (block.set, block.number)
         self._protocols[key] = protocol
         shown = []
@@ -332,7 +335,7 @@ class BlockSettings:
         return shown
 
     def look(self, state: BlockState) -> Block:
-        """As `effective`, kept as the block's."""
+        """Return the effective block and keep it as `effective` in its state."""
         state.effective, block = None, state.block
         for given in state.given:
             if block.station_from is not None or not given.holds():
@@ -342,7 +345,7 @@ class BlockSettings:
         return block
 
     def forget(self, key: Key) -> None:
-        """A block is no more: its words are free memory, and 0."""
+        """Set the words of a block that no longer exists to 0."""
         self._protocols.pop(key, None)
         for given in self._given.pop(key, ()):
             given.area.write("word", given.first, [0] * len(given.words), force=True)
@@ -364,11 +367,11 @@ class BlockSettings:
         return found
 
     def effective(self, block: Block) -> Block:
-        """The block with what stands in memory now; the same one while nothing has been changed there.
+        """Return the block with the settings in memory; the same object while its words are unchanged.
 
-        What is only shown is put back where it was written over.
+        Restore words that are shown only, if something else was written there.
 
-        Raises SettingError for a station or a size it cannot work with.
+        Raise SettingError for a station or a size that the block cannot work with.
         """
         changed = block
         for given in self._given.get((block.set, block.number), ()):
@@ -380,7 +383,7 @@ class BlockSettings:
         return changed
 
     def _show_station(self, given: Given, block: Block) -> None:
-        """A station that the run takes from elsewhere is only shown."""
+        """Show a station that the run takes from another place; it cannot be changed in these words."""
         item, place = given.section.items.get("station"), block.station_from
         if item is None or place is None or self._protocols[block.set, block.number].station.type != "number":
             return
@@ -405,7 +408,7 @@ class BlockSettings:
         return block
 
     def _settable(self, block: Block, section: BlockWords) -> Iterator[tuple[BlockItem, _Slot | None]]:
-        """The items that count when they are changed, each with its variable; None: the station."""
+        """Yield the items whose changes have an effect, each with its variable; None: the station."""
         slots = slots_of(block, self._protocols[block.set, block.number])
         kind = KINDS.get(block.instruction)
         for name, item in section.items.items():
@@ -435,7 +438,7 @@ class BlockSettings:
 
 
 def slots_of(block: Block, protocol: Protocol) -> list[_Slot]:
-    """The variables of a block, at most four: those of the other side for READ and WRITE, fields of a frame else."""
+    """Return the variables of a block, at most four: targets of READ and WRITE, else fields of a frame."""
     if block.instruction in ("read", "write"):
         if len(block.targets) > 1:
             return [_Slot(text, 1) for text in block.targets[:SLOTS]]
@@ -452,7 +455,7 @@ def slots_of(block: Block, protocol: Protocol) -> list[_Slot]:
 
 
 def _as_words(text: str, item: BlockItem) -> list[tuple[BlockItem, int]]:
-    """An address as text, two characters a word, the first in the low byte; one that is too long is not shown."""
+    """Return an address as text, two characters a word, the first in the low byte; an empty list if it is too long."""
     data = text.encode("ascii", "replace").ljust(2 * item.words, b"\0")
     if len(data) > 2 * item.words:
         return []
@@ -463,7 +466,7 @@ def _as_words(text: str, item: BlockItem) -> list[tuple[BlockItem, int]]:
 
 
 def check_items(sections: Iterable[BlockWords]) -> Iterator[Problem]:
-    """Items of a profile that no block has."""
+    """Yield a problem for each item of a profile that blocks do not have."""
     known = {*ITEMS, *PULSES, *SETTINGS}
     for section in sections:
         for name in section.items:
@@ -476,9 +479,9 @@ def _hint(name: str, known: set[str]) -> str:
 
 
 class BlockMemory:
-    """The words of blocks in `memory`; with `shown` false there are none, and all of it is plain memory.
+    """The words of all blocks in `memory`; with `shown` false all of it is plain memory.
 
-    `areas`: the names of the areas that they stand in.
+    `areas`: the names of the areas that contain the words.
     """
 
     def __init__(
@@ -495,28 +498,28 @@ class BlockMemory:
         self.settings = BlockSettings(memory, sections)
 
     def add(self, state: BlockState, protocol: Protocol | None) -> None:
-        """A block of the run: its state is put into its words, and its settings, if a protocol says what they are."""
+        """Show the state of a new block, and its settings if a protocol is given."""
         if protocol is not None:
             state.given = self.settings.show(state.block, protocol)
         self.words.show(state.key, state)
 
     def remove(self, block: Block) -> None:
-        """A block is no more: its words are free, and 0."""
+        """Set the words of a block that no longer exists to 0; they are free memory."""
         self.settings.forget((block.set, block.number))
         self.words.forget((block.set, block.number))
 
     def changed(self, state: BlockState) -> None:
-        """Something about a block is different, such as whether it is enabled."""
+        """Show a change of the state of a block, for example whether it is enabled."""
         self.words.show(state.key, state)
 
     def places(self, block: Block) -> list[tuple[str, int, int]]:
-        """The words of a block: area, first word, how many."""
+        """Return the words of a block: area, first word, number of words."""
         found = words_of(self._sections, (block.set, block.number))
         return [(section.area, first, section.words) for section, first in found]
 
 
 def status_of(state: BlockState) -> BlockStatus:
-    """A block's state and counters as they are now."""
+    """Return the present state and counters of a block."""
     block = state.block
     return BlockStatus(
         set=block.set,

@@ -1,6 +1,6 @@
-"""What is different between a run that goes on and its edited file, and whether that can be changed while it goes on.
+"""Compare a running run with its edited file: list the differences, and refuse changes that need a restart.
 
-Positions in the file do not count: a block that only moved is the same. Nothing is changed here.
+Positions in the file do not count: a block that only moved is the same. This module only plans; it applies no change.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ RESTART = "stop the run and start it again"
 
 @dataclass(frozen=True, slots=True)
 class Changes:
-    """The numbers of those that are there no more, are different, are new; in order."""
+    """The numbers of removed, changed and new items, each in order."""
 
     gone: tuple[int, ...]
     changed: tuple[int, ...]
@@ -27,7 +27,7 @@ class Changes:
 
     @classmethod
     def between(cls, old: Mapping[int, object], new: Mapping[int, object]) -> Changes:
-        """What leads from one to the other."""
+        """Return the changes that lead from `old` to `new`."""
         both = sorted(old.keys() & new.keys())
         return cls(
             tuple(sorted(old.keys() - new.keys())),
@@ -38,20 +38,19 @@ class Changes:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Edit:
-    """The edited run, and what is to be done for it.
-
-    `touched`: channels that have to be idle before anything is done: those that go or change, and those of blocks that
-    go or change. `warnings`: what the edited file says and only a restart brings.
-    """
+    """An edited run, and the changes to apply."""
 
     run: RunModel
     channels: Changes
     blocks: Changes
     touched: frozenset[int]
+    """The channels that must be idle before the changes are applied: removed and changed channels, and the channels of
+    removed and changed blocks."""
     warnings: tuple[Problem, ...]
+    """Differences that only take effect at the next start."""
 
     def __str__(self) -> str:
-        """In words: `channel 2 changed, blocks 0 and 3 new`, or `nothing is different`."""
+        """Return the changes in words, for example `channel 2 changed, blocks 0 and 3 new`."""
         found = []
         for what, changes in (("channel", self.channels), ("block", self.blocks)):
             for how in ("gone", "changed", "new"):
@@ -62,7 +61,7 @@ class Edit:
 
 
 def plan_edit(old: RunModel, new: RunModel) -> Edit:
-    """What leads from one run to the other. Raises DefinitionError when it takes a restart."""
+    """Return the changes from one run to the other. Raise DefinitionError for changes that need a restart."""
     problems = list(_refusals(old, new))
     if problems:
         raise DefinitionError(problems)
@@ -100,19 +99,20 @@ def _warnings(old: RunModel, new: RunModel) -> Iterator[Problem]:
 
 
 def added_blocks(edit: Edit) -> list[Block]:
-    """The blocks that begin anew."""
+    """Return the blocks that start anew."""
     return [block for block in edit.run.blocks if block.id in (*edit.blocks.changed, *edit.blocks.new)]
 
 
 @dataclass(slots=True)
 class RemovedBlocks:
-    """The counts of all blocks of a channel that are there no more; commands to jobs count for channel 0.
+    """The counts of all removed blocks of a channel; commands to jobs count for channel 0.
 
-    `blocks` is how many they were; one that was changed counts, as it began anew. None of them runs.
+    A changed block counts as removed, because its counts start anew. No removed block runs.
     """
 
     channel: int
     blocks: int = 0
+    """The number of removed blocks that had started or overrun."""
     started: int = 0
     done: int = 0
     failed: int = 0
@@ -121,7 +121,7 @@ class RemovedBlocks:
 
 
 class Removed:
-    """Those of a run, by channels; none before the first edit."""
+    """The counts of the removed blocks of a run, by channels; empty before the first edit."""
 
     def __init__(self) -> None:
         self._channels: dict[int, RemovedBlocks] = {}
@@ -130,11 +130,11 @@ class Removed:
         return iter([one for _, one in sorted(self._channels.items())])
 
     def of(self, channel: int) -> RemovedBlocks:
-        """What is gone of a channel."""
+        """Return the counts of the removed blocks of a channel."""
         return self._channels.get(channel) or RemovedBlocks(channel)
 
     def add(self, state: BlockState) -> None:
-        """A block is taken out, with what it has counted."""
+        """Add the counts of a removed block."""
         if not (state.started or state.overruns):
             return
         one = self._channels.setdefault(state.block.channel, RemovedBlocks(state.block.channel))
@@ -146,5 +146,5 @@ class Removed:
         one.reasons.update(state.reasons)
 
     def clear(self) -> None:
-        """Counting begins anew."""
+        """Start counting anew."""
         self._channels.clear()

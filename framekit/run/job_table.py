@@ -1,8 +1,8 @@
-"""The job table: commands establish, abort and inspect jobs; each repeats its transfer until it is done, or fails.
+"""The job table: commands establish, abort and inspect jobs; a job repeats its transfer until it is complete or fails.
 
-Sans-I/O: the owner tells the time, finds connections and does the transfers. What a transfer brings comes in this
-order: its data, the status word of the command (once), the status bits. Numbers, limits and codes are the profile's.
-Commands whose words stand in the own memory are read here too: what the words mean is the application's.
+Sans-I/O: the owner passes the time, opens connections and carries out the transfers. The effects of a transfer come in
+this order: its data, the status word of the command (once), the status bits. Numbers, limits and codes come from the
+profile. This module also reads commands from words in the own memory; the application defines their meaning.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from framekit.run.status_bits import StatusImage
 
 
 class JobState(Enum):
-    """What a job is doing."""
+    """The state of a job."""
 
     IDLE = "idle"
     CONNECTING = "connecting"
@@ -51,7 +51,7 @@ class JobState(Enum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Attempt:
-    """A connection that is looked for, or a transfer under way; each is itself alone."""
+    """An attempt to connect or to transfer, compared by identity."""
 
     slot: int
     order: Order
@@ -59,7 +59,7 @@ class Attempt:
 
 @dataclass(slots=True)
 class JobCounters:
-    """Counted from the start of the run on. `completed` = good ones and refused ones."""
+    """The counts of a slot since the start of the run."""
 
     established: int = 0
     good: int = 0
@@ -70,30 +70,32 @@ class JobCounters:
 
     @property
     def completed(self) -> int:
+        """Return the number of completed transfers: good and refused ones."""
         return self.good + self.refused
 
 
 @dataclass(slots=True)
 class JobSlot:
-    """A slot. `word`: the last code; `asked`: the command that has no answer yet; `attempt`: what is under way.
-
-    `by`: who gave the command that established its job.
-
-    `origin` is when the job began, `boundary` the beginning of the period it is in; times that are not awaited are
-    NEVER. `last_good` and `last_error` are times, None before the first.
-    """
+    """A slot of the table. Times that are not awaited are NEVER."""
 
     number: int
     state: JobState = JobState.IDLE
     order: Order | None = None
     asked: JobCommand | None = None
+    """The command that has no answer yet."""
     by: int | None = None
+    """The id of the command block that established the job."""
     attempt: Attempt | None = None
+    """The connection or transfer in progress."""
     word: int = 0
+    """The last code."""
     error: bool = False
     left: int = 0
+    """The number of transfers that remain, if the job has a limit."""
     origin: int = 0
+    """The time at which the job began."""
     boundary: int = 0
+    """The beginning of the present period."""
     started: int = 0
     was_late: bool = False
     start_at: int = NEVER
@@ -101,7 +103,9 @@ class JobSlot:
     late_at: int = NEVER
     connect_by: int = NEVER
     last_good: int | None = None
+    """The time of the last good transfer; None before the first."""
     last_error: int | None = None
+    """The time of the last error; None before the first."""
     counters: JobCounters = field(default_factory=JobCounters)
 
     @property
@@ -110,16 +114,20 @@ class JobSlot:
 
     @property
     def deadline(self) -> int:
-        """When something is due here."""
+        """Return the time of the next action of this slot."""
         return min(self.start_at, self.period_at, self.late_at, self.connect_by)
 
     @property
     def period(self) -> int:
-        """Of the job in it; 0 for transfers back to back."""
+        """Return the period of the job; 0 for transfers back to back."""
         return 0 if self.order is None else self.order.period
 
     def watch_lateness(self, after_late: AfterLate, now: int) -> None:
-        """A transfer begins: when it is late. Where transfers start with periods, it must be over before the next."""
+        """Set the times at which a transfer that begins now is late.
+
+        The limit of the period counts from the beginning of the present period if a late transfer is followed by the
+        next period (`NEXT_PERIOD`), else from now.
+        """
         self.was_late = False
         since = self.boundary if after_late is AfterLate.NEXT_PERIOD else now
         late = 0 if self.order is None else self.order.late
@@ -127,50 +135,51 @@ class JobSlot:
         self.late_at = now + late if late else NEVER
 
     def next_start(self, after_late: AfterLate, now: int) -> int:
-        """When the next transfer starts after one that ended now: periods are counted from the beginning of the job."""
+        """Return when the transfer after the one that ended now starts; periods count from the start of the job."""
         if self.period == 0 or (self.was_late and after_late is AfterLate.AT_ONCE):
             return now
         periods = -((self.origin - now) // self.period)
         return max(self.boundary + self.period, self.origin + periods * self.period)
 
     def enter_period(self, now: int) -> None:
-        """A transfer starts now; a clock that is late does not move the periods."""
+        """Note the start of a transfer; a late clock does not move the periods."""
         self.started = now
         self.boundary = self.origin + (now - self.origin) // self.period * self.period if self.period else now
 
     def rest(self) -> None:
-        """Nothing runs here, and nothing is waited for; the last code stays."""
+        """Make the slot idle: no attempt and no awaited time; the last code stays."""
         self.state = JobState.IDLE
         self.attempt = None
         self.start_at = self.period_at = self.late_at = self.connect_by = NEVER
 
     @property
     def details(self) -> tuple[int, int]:
-        """The two detail words: the last code, and 1 while a job is active."""
+        """Return the two detail words: the last code, and 1 while a job is active."""
         return self.word, int(self.active)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Event:
-    """Something that was not as it should be: when (ns), what, in which slot (None: in none), with which word.
-
-    `code`: the profile's number for it, where it has one.
-    """
+    """An irregular event of the table."""
 
     at: int
+    """The time of the event (ns)."""
     name: str
     slot: int | None
+    """The slot, or None if the event belongs to no slot."""
     word: int
+    """The code of the event; 0 if it has no code."""
     text: str
     code: EventCode | None = None
+    """The number of the event in the profile, if it has one."""
 
     def __str__(self) -> str:
-        """In words, with its time."""
+        """Return the event in words, with its time."""
         return f"{self.at / 1e9:.3f} s {self.what}"
 
     @property
     def what(self) -> str:
-        """In words, without its time."""
+        """Return the event in words, without its time."""
         slot = "" if self.slot is None else f" slot {self.slot}"
         number = "" if self.code is None else f" event {code_text(self.code.number, 2)}" + "".join(
             f" {code_text(entry)}" for entry in self.code.entries
@@ -180,7 +189,7 @@ class Event:
 
 
 class EventLog:
-    """The last events, oldest first; `total` counts all there were."""
+    """The last events, oldest first; `total` counts all events."""
 
     def __init__(self, profile: JobProfile) -> None:
         self._profile = profile
@@ -188,7 +197,7 @@ class EventLog:
         self.total = 0
 
     def add(self, name: str, at: int, slot: int | None = None, word: int = 0) -> None:
-        """Keeps an event; the oldest one is forgotten when there are too many."""
+        """Add an event; drop the oldest event of a full log."""
         self.total += 1
         text, code = self._profile.text_of(word), self._profile.events.get(name)
         self._events.append(Event(at=at, name=name, slot=slot, word=word, text=text, code=code))
@@ -202,21 +211,21 @@ class EventLog:
 
 @dataclass(slots=True)
 class TableCounters:
-    """Commands since the start: those taken, lost (too many in a scan), refused; by kind those carried out.
-
-    `faults`: words that were no command, or one whose status word has no place.
-    """
+    """The counts of commands since the start."""
 
     taken: int = 0
     lost: int = 0
+    """Commands beyond the limit of a scan, and commands to a stopped table."""
     faults: int = 0
+    """Words that are not a command, and commands whose status word has no place."""
     refused: int = 0
     kinds: dict[str, int] = field(default_factory=dict)
+    """The numbers of taken commands by kind."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JobStatus:
-    """How a slot is doing: type and state, its detail words and bits, its counters, what goes where."""
+    """The state of a slot: type and state of its job, last code and error, counters, both ends of the transfer."""
 
     slot: int
     kind: str
@@ -237,7 +246,7 @@ class JobStatus:
 
 
 def status_of(slot: JobSlot, profile: JobProfile) -> JobStatus:
-    """A view for a moment; an idle slot shows the job it had last."""
+    """Return the present state of a slot; an idle slot shows its last job."""
     order = slot.order
     status = JobStatus(
         slot=slot.number, kind="", state=slot.state.value, word=slot.word, text=profile.text_of(slot.word),
@@ -254,33 +263,33 @@ def status_of(slot: JobSlot, profile: JobProfile) -> JobStatus:
 
 
 Store = Callable[[], Failure | None]
-"""Puts what was read where it belongs; why not, if it cannot be."""
+"""Store data that were read; return the failure if they cannot be stored."""
 
 Watcher = Callable[[JobStatus, Failure | None], None]
-"""Told how a slot is doing when a transfer has ended, is `late`, or could not begin; and with what was wrong."""
+"""Receive the state of a slot when a transfer has ended, is `late`, or could not begin, with its failure or None."""
 
 
 class JobOwner(Interface):
-    """Who does what a table wants."""
+    """The operations that a table needs from its owner."""
 
     def connect(self, attempt: Attempt) -> None:
-        """Looks for a way to the host of an order; the table is told by `connected` or `not_connected`."""
+        """Open a connection to the host of an order; call `connected` or `not_connected` of the table."""
 
     def begin(self, attempt: Attempt) -> None:
-        """Begins a transfer; its end is told by `ended`."""
+        """Begin a transfer; call `ended` of the table at its end."""
 
     def write_words(self, place: OwnPlace, words: tuple[int, ...]) -> bool:
-        """Writes words from a place on; whether they could be."""
+        """Write words from a place on; return whether they could be written."""
 
     def write_bits(self, bits: tuple[int, ...]) -> None:
-        """Writes the status bits."""
+        """Write the status bits."""
 
     def answered(self, command: JobCommand, word: int | None) -> None:
-        """A command has its answer; None: it never gets one."""
+        """Receive the answer to a command; None if it is never answered."""
 
 
 class FailureWords:
-    """The words of failed transfers, by the profile's outcomes."""
+    """The words of failed transfers, by the outcomes of the profile."""
 
     def __init__(self, profile: JobProfile) -> None:
         self._outcomes = profile.outcomes
@@ -288,7 +297,10 @@ class FailureWords:
         self._words = {name: compile_expression(one.word) for name, one in profile.outcomes.items()}
 
     def word_of(self, failure: Failure) -> tuple[int, bool]:
-        """The word, and whether the failure counts as a completed transfer. A device's code makes it a refusal."""
+        """Return the word, and whether the failure counts as a completed transfer.
+
+        A code of the device makes the failure a refusal.
+        """
         name = failure.outcome if failure.outcome in self._words else OTHERWISE
         if failure.device_code is not None and "refused" in self._words:
             name = "refused"
@@ -300,20 +312,20 @@ class FailureWords:
 
 
 class CommandLimit:
-    """At most `most` commands a scan; scans of `scan` ns count from `origin`."""
+    """Limit the commands in a scan to `most`; scans of `scan` ns count from `origin`."""
 
     def __init__(self, most: int, scan: int, origin: int) -> None:
         self._most, self._scan, self._origin = most, scan, origin
         self._current, self._taken = -1, 0
 
     def room_at(self, now: int) -> int:
-        """When one more can be taken: now, or with the next scan."""
+        """Return when another command can be taken: now, or with the next scan."""
         current = (now - self._origin) // self._scan
         full = current == self._current and self._taken >= self._most
         return self._origin + (current + 1) * self._scan if full else now
 
     def takes(self, now: int) -> bool:
-        """Counts one more; whether it is not one too many."""
+        """Count a command; return whether it is within the limit."""
         current = (now - self._origin) // self._scan
         if current != self._current:
             self._current, self._taken = current, 0
@@ -322,7 +334,8 @@ class CommandLimit:
 
 
 LEAST_TIME = 1_000_000
-"""A transfer that ends at the very moment it began is followed by the next one 1 ms later: nothing is stopped by it."""
+"""The pause after a transfer that ends at the moment of its start (ns), so that such transfers do not repeat endlessly
+at the same time."""
 
 
 class JobTable:
@@ -343,7 +356,7 @@ class JobTable:
     # ---- life ---------------------------------------------------------------------------------------------
 
     def start(self, now: int) -> None:
-        """Commands are taken from now on; everything is as if nothing had happened before."""
+        """Take commands from now on, with idle slots."""
         self.running = True
         self._limit = CommandLimit(self.profile.commands, self.profile.scan, now)
         for number in self.slots:
@@ -351,7 +364,7 @@ class JobTable:
         self.image.start(now)
 
     def stop(self) -> None:
-        """All jobs are aborted, and no command is taken; bits are 0, codes stay to be looked at."""
+        """Abort all jobs and take no commands. The bits are 0; the codes stay for inspection."""
         self.running = False
         for slot in self.slots.values():
             slot.rest()
@@ -362,21 +375,21 @@ class JobTable:
         self.image.stop()
 
     def reset(self, now: int) -> None:
-        """As after the start, with counters at 0."""
+        """Stop, set the counters to 0 and start."""
         self.stop()
         self.counters = TableCounters()
         self.start(now)
 
     def status(self) -> list[JobStatus]:
-        """How every slot is doing."""
+        """Return the state of every slot."""
         return [status_of(slot, self.profile) for slot in self.slots.values()]
 
     # ---- commands -----------------------------------------------------------------------------------------
 
     def take(self, command: JobCommand, now: int, refusal: int = 0) -> None:
-        """Carries a command out, or answers why not; `refusal` is the answer to one that is known to be wrong.
+        """Carry out a command, or answer with the reason of its refusal; `refusal` is the answer to an invalid command.
 
-        One too many in a scan is lost, and never answered.
+        A command beyond the limit of a scan is lost and never answered.
         """
         if not self.running or not self._limit.takes(now):
             self.counters.lost += 1
@@ -402,35 +415,35 @@ class JobTable:
             self._establish(command, self.slots[command.slot], now)
 
     def give_up(self, givers: Container[int], now: int) -> None:
-        """Ends the jobs that these have established, as an abort does; answers are not waited for any more."""
+        """End the jobs that these command blocks established, as an abort does."""
         for slot in self.slots.values():
             if slot.by in givers and slot.active:
                 self._clear([slot.number], now)
 
     def room_at(self, now: int) -> int:
-        """When one more command can be taken: now, or with the next scan."""
+        """Return when another command can be taken: now, or with the next scan."""
         return self._limit.room_at(now)
 
     def fault(self, now: int, *, has_place: bool) -> None:
-        """Notes words that are no command, or one whose status word has no place: nothing else tells of it."""
+        """Log words that are not a command, or a command whose status word has no place. This is their only report."""
         self.counters.faults += 1
         self.log.add("fault", now, None, 0 if has_place else self.profile.words["no_place"])
 
     def refuse(self, command: JobCommand, word: int, now: int) -> None:
-        """Answers a command that is wrong; nothing else happens."""
+        """Answer an invalid command with `word`; it has no other effect."""
         self.counters.refused += 1
         self.log.add("refused", now, command.slot, word)
         self._answer(command, word, now)
 
     def _inspect(self, command: JobCommand, slot: JobSlot, now: int) -> None:
-        """The detail words first, then the answer; bits stay as they are."""
+        """Write the detail words, then the answer; the bits stay as they are."""
         word = self.profile.words["good"]
         if command.into is not None and not self.owner.write_words(command.into, slot.details):
             word, _ = self._failures.word_of(Failure(outcome="cannot_store"))
         self._answer(command, word, now)
 
     def _clear(self, numbers: list[int], now: int) -> None:
-        """Ends jobs at once: their bits and codes are 0. A command that still waits is told that it was replaced."""
+        """End jobs at once: set their bits and codes to 0. Answer pending commands with the code `replaced`."""
         for number in numbers:
             slot = self.slots[number]
             slot.rest()
@@ -458,21 +471,21 @@ class JobTable:
     # ---- connections --------------------------------------------------------------------------------------
 
     def awaits(self, attempt: Attempt) -> bool:
-        """Whether a connection is still wanted: not any more once its job has ended, or another one took its slot."""
+        """Return whether a connection is still needed: not after its job has ended or another job took its slot."""
         slot = self.slots[attempt.slot]
         return slot.attempt is attempt and slot.state is JobState.CONNECTING
 
     def connected(self, attempt: Attempt, now: int) -> None:
-        """There is a way to the host: the first transfer begins."""
+        """Begin the first transfer: the connection to the host is open."""
         slot = self.slots[attempt.slot]
         if self.awaits(attempt):
             slot.connect_by = NEVER
             self._begin(slot)
 
     def not_connected(self, attempt: Attempt, reason: str, now: int) -> None:
-        """There is none; `reason` is one of the profile's words. The job ends before it has begun.
+        """End a job that has no connection; `reason` is one of the words of the profile.
 
-        Its error bit stays as it is: that is for errors of jobs that were under way.
+        The error bit stays as it is: it is for errors of jobs that had a connection.
         """
         if not self.awaits(attempt):
             return
@@ -488,14 +501,14 @@ class JobTable:
         self._watched(slot, Failure(outcome=reason))
 
     def lost(self, number: int, now: int) -> None:
-        """The connection of a job is gone: it ends, whatever it was doing."""
+        """End a job whose connection is lost."""
         slot = self.slots[number]
         if slot.active and slot.state is not JobState.CONNECTING:
             self._settle(slot, self.profile.words["closed"], False, now)
             self._watched(slot, Failure(outcome="closed"))
 
     def set_network(self, on: bool, now: int) -> None:
-        """Whether the network can be used at all."""
+        """Set whether the network can be used at all."""
         if on != self.image.network and self.running:
             self.image.set_network(on, now)
 
@@ -503,13 +516,13 @@ class JobTable:
 
     @property
     def deadline(self) -> int:
-        """When `tick` has something to do."""
+        """Return the time of the next action of `tick`."""
         if not self.running:
             return NEVER
         return min(self.image.deadline, *(slot.deadline for slot in self.slots.values()))
 
     def tick(self, now: int) -> None:
-        """Does what is due, in the order of its times; then shows the bits of the scan."""
+        """Carry out the actions that are due, in the order of their times; then show the bits of the scan."""
         while self.running:
             slot = min(self.slots.values(), key=lambda one: one.deadline)
             if slot.deadline > now:
@@ -535,7 +548,7 @@ class JobTable:
             self._start(slot, now)
 
     def _late(self, slot: JobSlot, word: int, now: int) -> None:
-        """The transfer takes too long; it stays pending, and may still end well."""
+        """Report a late transfer, which may still end well; fail it if its status word cannot be written."""
         slot.was_late = True
         if self._tell(slot, word, now):
             self._show(slot, word, True, now)
@@ -546,7 +559,7 @@ class JobTable:
             self._settle(slot, self.profile.words["no_word"], False, now)
 
     def _start(self, slot: JobSlot, now: int) -> None:
-        """The time of a transfer has come; a clock that is late does not move the periods."""
+        """Start the next transfer; a late clock does not move the periods."""
         slot.enter_period(now)
         slot.watch_lateness(self.profile.after_late, now)
         self._begin(slot)
@@ -561,7 +574,7 @@ class JobTable:
         self.owner.begin(attempt)
 
     def ended(self, attempt: Attempt, failure: Failure | None, now: int, store: Store | None = None) -> None:
-        """A transfer is over. `store` puts its data in place, unless it is not waited for any more."""
+        """End a transfer. `store` stores its data, unless the attempt is no longer awaited."""
         slot = self.slots[attempt.slot]
         if slot.attempt is not attempt:
             return
@@ -578,7 +591,7 @@ class JobTable:
             self.watcher(status_of(slot, self.profile), failure)
 
     def _settle(self, slot: JobSlot, word: int, completed: bool, now: int) -> None:
-        """What came of a transfer: status word, bits, detail words; then the job waits, or is over."""
+        """Write the results of a transfer: status word, bits, detail words; then schedule the next or end the job."""
         slot.period_at = slot.late_at = NEVER
         slot.attempt = None
         if not self._tell(slot, word, now):
@@ -606,7 +619,7 @@ class JobTable:
             self._wait(slot, word, now)
 
     def _wait(self, slot: JobSlot, word: int, now: int) -> None:
-        """The next transfer starts at the beginning of a period, or as soon as it may."""
+        """Schedule the next transfer: at the beginning of a period, or as soon as possible."""
         slot.state = JobState.WAITING
         start = slot.next_start(self.profile.after_late, now)
         if word & 0xFF in self.profile.pause_after:
@@ -614,7 +627,7 @@ class JobTable:
         slot.start_at = max(start, now + LEAST_TIME) if now == slot.started else start
 
     def _tell(self, slot: JobSlot, word: int, now: int) -> bool:
-        """Answers the command that waits for it, once; whether the word could be written."""
+        """Answer the pending command once; return whether the word could be written."""
         asked, slot.asked = slot.asked, None
         return asked is None or self._answer(asked, word, now)
 
@@ -627,7 +640,7 @@ class JobTable:
         self.image.set_error(slot.number, error, now)
 
     def _answer(self, command: JobCommand, word: int, now: int) -> bool:
-        """Writes the status word; whether that could be done."""
+        """Write the status word; return whether it could be written."""
         written = command.status is None or self.owner.write_words(command.status, (word,))
         if not written:
             word = self.profile.words["no_word"]
@@ -641,7 +654,7 @@ ALL = "all"
 
 
 class RecordReader:
-    """Reads the commands of one application from `memory`."""
+    """Read the commands of one application from `memory`."""
 
     def __init__(self, application: Protocol, memory: DeviceMemory) -> None:
         self.memory = memory
@@ -650,14 +663,15 @@ class RecordReader:
         self._status_fields = {name for name in self.blocks.words.head() if name in says}
 
     def words_at(self, place: OwnPlace) -> bytes:
-        """The words that stand at a place, as many as a command can have."""
+        """Return the words from a place on, as many as the longest command can have."""
         area, first = self.memory.area(place.address.area), place.address.first_bit // 8
         return area.read_bytes(first, min(2 * self.blocks.rules.most, area.size_bytes - first))
 
     def read(self, data: bytes, number: int | None) -> tuple[JobCommand, int]:
-        """The command that begins with these bytes, given by `number`, and the code of its refusal or 0.
+        """Return the command at the beginning of `data`, and the code of its refusal or 0.
 
-        Raises CommandFaultError for words that are none, StatusPlaceError for those whose status word has no place.
+        `number`: the id of the command block. Raise CommandFaultError for words that are not a command,
+        StatusPlaceError if the status word has no place.
         """
         words = self._words(data)
         try:
@@ -724,7 +738,7 @@ class RecordReader:
         return self._place({name: value for name, value in given.items() if name not in ("unit", "count")}, 1)
 
     def _place(self, given: dict[str, Any], bits: int) -> OwnPlace:
-        """A place of the own memory with room for so many bits. Raises DeviceMemoryError."""
+        """Return a place of the own memory that has room for so many bits. Raise DeviceMemoryError."""
         span = self.blocks.own_span(given)
         span = self.blocks.own_span({**given, "count": -(-bits // unit_bits(span.unit))})
         self.blocks.areas.check(span, write=False)

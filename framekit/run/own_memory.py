@@ -1,4 +1,4 @@
-"""The own memory at the places of a run: pieces of it in memory's form, stored whole; fields of frames in it."""
+"""The own memory at the places of a run: pieces in memory's form, stored completely or not at all; fields of frames."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from framekit.memory.views import NumberView, view_of
 from framekit.run.model import Block, OwnPlace
 
 Piece = tuple[OwnPlace, int, bytes]
-"""A place, how many bits from there on, and what they are, in memory's form."""
+"""A place, the number of bits from there on, and their content in memory's form."""
 
 _LIKE_AN_ADDRESS = re.compile(r"%?\w[\w.:/]*")
 
 
 class OwnAddresses(AddressGrammar):
-    """The addresses of a memory: its forms, and the names that its profile gives to single places."""
+    """The addresses of a memory: the address forms and the named places of its profile."""
 
     def __init__(
         self, forms: Sequence[AddressForm], areas: Mapping[str, Area], tables: Mapping[str, Table],
@@ -39,34 +39,34 @@ class OwnAddresses(AddressGrammar):
         self._names = names
 
     def parse(self, text: str, unit: str | None = None, *, check: bool = True) -> Address:
-        """As for every grammar; a name stands for its address."""
+        """Parse an address as every grammar does; a name stands for its address."""
         return super().parse(self._names.get(text.strip(), text), unit, check=check)
 
 
 class AnyAddresses(OwnAddresses):
-    """Stands for the addresses of a memory whose description is wrong: what looks like an address is taken for one.
+    """A substitute for the addresses of a memory whose profile is wrong: accept every text that looks like an address.
 
-    So everything else that a file says can still be looked at.
+    It allows the loader to check the rest of the file.
     """
 
     def __init__(self) -> None:
         super().__init__((), {}, {}, {})
 
     def parse(self, text: str, unit: str | None = None, *, check: bool = True) -> Address:
-        """A place as wide as there are. Raises AddressError for what has blanks or operators in it."""
+        """Return a place of the widest type. Raise AddressError for text with blanks or operators."""
         text = text.strip()
         if _LIKE_AN_ADDRESS.fullmatch(text) is None:
             raise AddressError(f"'{text}' is not an address – write it as one word")
         return Address("", unit or "lword", 0, text, type="float64")
 
     def check(self, address: Address, count: int = 1) -> None:
-        """There is room everywhere."""
+        """Accept every place."""
 
 
 class ProtocolAddresses(AddressGrammar):
-    """The addresses of a memory that has a protocol's areas, those in `sizes` as large as there.
+    """The addresses of a memory that has the areas of a protocol; `sizes` overrides the sizes of areas.
 
-    An area stands there under its `memory` name; an address form may say another one by a result `memory`.
+    Each area has the name of its `memory` key; the result `memory` of an address form overrides this name.
     """
 
     def __init__(self, protocol: Protocol, sizes: Mapping[str, Area] | None = None) -> None:
@@ -75,20 +75,20 @@ class ProtocolAddresses(AddressGrammar):
         self._there = {area.memory: area for area in protocol.areas.values()} | dict(protocol.areas) | dict(sizes or {})
 
     def place(self, text: str, unit: str | None = None) -> Address:
-        """The place in memory, which need not be there; the part `area` is the area of the protocol."""
+        """Return the place in memory, without a check that it exists; its part `area` is the area of the protocol."""
         address = super().parse(text, unit, check=False)
         memory = str(address.parts.get("memory") or self._memory[address.area])
         return replace(address, area=memory, parts={**address.parts, "area": address.area})
 
     def parse(self, text: str, unit: str | None = None, *, check: bool = True) -> Address:
-        """As for every grammar; `area` is the memory's."""
+        """Parse an address as every grammar does; its `area` is the area of the memory."""
         address = self.place(text, unit)
         if check:
             self.check(address)
         return address
 
     def check(self, address: Address, count: int = 1) -> None:
-        """As for every grammar. Raises AddressError for an area that the memory does not have, too."""
+        """Check a place as every grammar does. Raise AddressError also for an area that the memory does not have."""
         area = self._there.get(address.area)
         if area is None or not area.size:
             what = f"{address} is in {address.area}, which this memory does not have"
@@ -97,18 +97,18 @@ class ProtocolAddresses(AddressGrammar):
 
 
 def addresses_of(profile: MemoryProfile) -> OwnAddresses:
-    """The addresses of a memory with this profile."""
+    """Return the addresses of a memory with this profile."""
     names = {name: place.address for name, place in profile.named.items()}
     return OwnAddresses(profile.addresses, profile.areas, profile.tables, names)
 
 
 def read_piece(memory: DeviceMemory, place: OwnPlace, bits: int) -> bytes:
-    """`bits` bits from a place on, in memory's form. Raises DeviceMemoryError."""
+    """Return `bits` bits from a place on, in memory's form. Raise DeviceMemoryError."""
     return piece_reader(memory, place, bits)()
 
 
 def piece_reader(memory: DeviceMemory, place: OwnPlace, bits: int) -> Callable[[], bytes]:
-    """Does the same at every call. Raises UnknownAreaError."""
+    """Return a function that reads like `read_piece`. Raise UnknownAreaError."""
     area, first = memory.area(place.address.area), place.address.first_bit
     if first % 8 == 0 and bits % 8 == 0:
         return area.bytes_reader(first // 8, bits // 8)
@@ -118,9 +118,9 @@ def piece_reader(memory: DeviceMemory, place: OwnPlace, bits: int) -> Callable[[
 def piece_writer(
     memory: DeviceMemory, place: OwnPlace, bits: int, *, force: bool = False
 ) -> Callable[[bytes], None]:  # fmt: skip
-    """Stores so many bits, in memory's form, from a place on at every call. Raises DeviceMemoryError: it cannot be.
+    """Return a function that stores `bits` bits, in memory's form, from a place on. Raise DeviceMemoryError.
 
-    `force`: also into areas that are read-only for others.
+    `force`: also write to areas that are read-only for others.
     """
     area, first = memory.area(place.address.area), place.address.first_bit
     if area.access == "read" and not force:
@@ -133,18 +133,18 @@ def piece_writer(
 
 
 def store_pieces(memory: DeviceMemory, pieces: Sequence[Piece]) -> None:
-    """Stores all pieces, or, when one cannot be stored, none. Raises DeviceMemoryError."""
+    """Store all pieces, or none if one of them cannot be stored. Raise DeviceMemoryError."""
     writers = [(piece_writer(memory, place, bits), data) for place, bits, data in pieces]
     for write, data in writers:
         write(data)
 
 
 FramePart = Data | Field | BitsPart | Length | Count | Value
-"""What has a name and a value that memory can hold."""
+"""A part of a frame that has a name, and a value that memory can hold."""
 
 
 def parts_of(segments: Sequence[Segment]) -> Iterator[tuple[str, FramePart]]:
-    """Everything in a frame that memory can hold, by name; also what is in wraps, choices and optional parts."""
+    """Yield the parts of a frame that memory can hold, by name; also parts of wraps, choices and optional segments."""
     for segment in flat(segments):
         if isinstance(segment, Bits):
             yield from ((part.name, part) for part in segment.parts)
@@ -153,20 +153,20 @@ def parts_of(segments: Sequence[Segment]) -> Iterator[tuple[str, FramePart]]:
 
 
 def takes_bytes(part: FramePart) -> bool:
-    """Whether its value is bytes or text, not a number."""
+    """Return whether the value is bytes or text, not a number."""
     return isinstance(part, Data) or (isinstance(part, Field) and part.type.kind in ("ascii", "bytes"))
 
 
 def fixed_bytes(part: FramePart) -> int | None:
-    """Bytes that data or text always has; None when that is open."""
+    """Return the fixed size of data or text in bytes, or None if the size varies."""
     size = part.type.size if isinstance(part, Field) else part.size if isinstance(part, Data) else None
     return size if isinstance(size, int) else None
 
 
 def stored_by(block: Block, frames: Mapping[str, Frame]) -> Iterator[tuple[OwnPlace, int]]:
-    """What a block stores: the place and how many bits; commands in memory say it only when they are given.
+    """Yield the places that a block stores to, each with its number of bits, but not those of commands in memory.
 
-    `frames`: those of its channel's protocol.
+    `frames`: the frames of the protocol of its channel.
     """
     if block.instruction == "read":
         for place, unit in zip(block.places, block.units, strict=False):
@@ -181,7 +181,7 @@ def stored_by(block: Block, frames: Mapping[str, Frame]) -> Iterator[tuple[OwnPl
 
 
 def mismatch(part: FramePart, place: OwnPlace) -> tuple[str, str] | None:
-    """What is wrong with this place for this part, and what to do; None when it fits."""
+    """Return why the place cannot hold this part, and what to do; None if it can."""
     bits = place.address.unit_bits
     if takes_bytes(part):
         if place.address.first_bit % 8:
@@ -192,7 +192,7 @@ def mismatch(part: FramePart, place: OwnPlace) -> tuple[str, str] | None:
 
 
 def may_overflow(part: FramePart, place: OwnPlace) -> bool:
-    """Whether there are binary numbers of this field that its place cannot hold."""
+    """Return whether this field has binary numbers that its place cannot hold."""
     if not isinstance(part, Field) or part.type.kind != "int" or part.limits is not None or part.unit is not None:
         return False
     bounds, type_ = part.type.bounds, place.address.type
@@ -205,7 +205,7 @@ def may_overflow(part: FramePart, place: OwnPlace) -> bool:
 
 
 def no_number(part: FramePart | None, value: Any) -> str | None:
-    """Why a field that holds plain numbers cannot be sent with a value; None when it can, or that is not known here."""
+    """Return why a field of plain numbers cannot be sent with a value; None if it can, or for another field."""
     if not isinstance(part, Field) or part.values or part.span is None:
         return None
     if not isinstance(value, int):
@@ -217,14 +217,14 @@ def no_number(part: FramePart | None, value: Any) -> str | None:
 
 
 def float_bits_of(address: Address) -> int:
-    """The bits of a floating-point number that stands there: one of 32 bits in two words; 0 where none can be."""
+    """Return the size of a floating-point number at a place: 32 bits for two words; 0 if the place cannot hold one."""
     if address.type is not None and not address.type.startswith("float"):
         return 0
     return {16: 32, 32: 32, 64: 64}.get(address.unit_bits, 0)
 
 
 def no_fraction(name: str, place: OwnPlace) -> tuple[str, str]:
-    """Why a number with a fraction cannot go to a place, and what to do."""
+    """Return why a place cannot hold a number with a fraction, and what to do."""
     address = place.address
     what = f"'{name}' may have a fraction, and {place.text} is {'of type' if address.type else 'a'} "
     what += address.type or address.unit
@@ -237,7 +237,10 @@ def no_fraction(name: str, place: OwnPlace) -> tuple[str, str]:
 
 
 def to_memory(part: FramePart, place: OwnPlace, value: Any, room: int | None) -> tuple[int, bytes]:
-    """Bits and content for a value. `room`: bytes there are for it. Raises ValueError for one that does not fit."""
+    """Return a value in memory's form, with its number of bits. `room`: the available bytes.
+
+    Raise ValueError for a value that does not fit.
+    """
     if takes_bytes(part):
         data = value.encode("latin-1") if isinstance(value, str) else bytes(value)
         size = fixed_bytes(part) if room is None else room
@@ -252,10 +255,10 @@ def to_memory(part: FramePart, place: OwnPlace, value: Any, room: int | None) ->
 
 
 def stored_numbers(name: str, place: OwnPlace, values: Sequence[Any], float_bits: int = 0) -> bytes:
-    """Numbers as they stand in memory from a place on: as its type says, else as floating-point numbers of so many bits
-    (0: only those that may have a fraction, in double words). `name`: what they are of.
+    """Return numbers in memory's form, in the type of the place or as floating-point numbers of `float_bits` bits.
 
-    Raises ValueError for one that the place cannot hold as it is.
+    With `float_bits` 0, only numbers that may have a fraction become floating-point numbers, of the 32 or 64 bits of
+    the place. `name`: the field, for messages. Raise ValueError for a number that the place cannot hold unchanged.
     """
     address = place.address
     unit, type_ = address.unit, address.type
@@ -272,7 +275,7 @@ def stored_numbers(name: str, place: OwnPlace, values: Sequence[Any], float_bits
 
 
 def from_memory(part: FramePart, place: OwnPlace, memory: bytes) -> Any:
-    """The value of a field for sending."""
+    """Return the value of a field for sending. Raise ValueError for a fraction where the field is a whole number."""
     if takes_bytes(part):
         if not isinstance(part, Field) or part.type.kind != "ascii":
             return memory
@@ -293,7 +296,7 @@ def from_memory(part: FramePart, place: OwnPlace, memory: bytes) -> Any:
 
 
 def _unit(part: FramePart) -> int:
-    """Times are kept in the wire's unit."""
+    """Return the factor from memory to the value: times are stored in the unit of the wire."""
     return part.unit if isinstance(part, Field) and part.unit else 1
 
 
@@ -310,9 +313,9 @@ Read = Callable[[], Any]
 
 
 class FrameFields:
-    """The fields of one SEND block: those that are the same every time, and what reads the others.
+    """The fields of a SEND block: constants, and readers of the fields that come from memory.
 
-    Raises ValueError where nothing says how long data are, UnknownAreaError.
+    Raise ValueError if the size of data is not known, UnknownAreaError for a missing area.
     """
 
     def __init__(self, block: Block, parts: Mapping[str, FramePart], memory: DeviceMemory) -> None:
@@ -324,7 +327,7 @@ class FrameFields:
         )
 
     def read(self) -> dict[str, Any]:
-        """The fields as they are now. Raises DeviceMemoryError, ValueError."""
+        """Return the present fields. Raise DeviceMemoryError, ValueError."""
         fields = self.constants.copy()
         for name, read in self.readers:
             fields[name] = read()
@@ -332,7 +335,7 @@ class FrameFields:
 
 
 def field_reader(part: FramePart, place: OwnPlace, size: int | None, memory: DeviceMemory) -> Read:
-    """Reads the value of a field from its place at every call; `size` bytes where it takes as many as one likes."""
+    """Return a function that reads the value of a field from its place; `size`: bytes of a field of variable size."""
     if not takes_bytes(part):
         number = piece_reader(memory, place, place.address.unit_bits)
         return lambda: from_memory(part, place, number())
@@ -349,9 +352,9 @@ Refresh = Callable[[], None]
 
 
 class AddressedMemory:
-    """`memory('M0', 24)` and `store` of the language on a device memory. Raises ValueError for what is not there.
+    """`memory('M0', 24)` and `store` of the language on a device memory. Raise ValueError for a missing place.
 
-    With `read_only` nothing is stored, which is a ValueError too.
+    With `read_only`, `store` raises ValueError too.
     """
 
     def __init__(
@@ -363,7 +366,7 @@ class AddressedMemory:
         self.read_only = read_only
 
     def as_read_only(self) -> AddressedMemory:
-        """The same memory, for those who may not store."""
+        """Return the same memory without the right to store."""
         return AddressedMemory(self.memory, self.grammar, self.refresh, read_only=True)
 
     def read(self, address: str, size: int) -> bytes:

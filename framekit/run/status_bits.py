@@ -1,4 +1,4 @@
-"""The status bits of the slots of a job table, as they are shown scan by scan."""
+"""The status bits of the slots of a job table; they change with the scans only."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ WriteBits = Callable[[tuple[int, ...]], None]
 
 
 class StatusImage:
-    """The bits of `slots`; `write` gets all of them whenever one has changed. `scan` in nanoseconds."""
+    """The status bits of `slots`. `write` receives all bits whenever one of them changes; `scan` is in nanoseconds."""
 
     def __init__(self, layout: StatusBits, slots: range, scan: int, write: WriteBits) -> None:
         self.layout = layout
@@ -31,41 +31,41 @@ class StatusImage:
     # ---- what happens -------------------------------------------------------------------------------------
 
     def start(self, now: int) -> None:
-        """Scans count from here; everything is 0 until the first one."""
+        """Count scans from `now` on; all bits are 0 until the first scan."""
         self._origin = now
         self.ready, self.network, self.resource = True, True, False
         self._forget(self.slots)
         self._touch(now)
 
     def stop(self) -> None:
-        """All bits are 0, at once."""
+        """Set all bits to 0 at once."""
         self.ready = self.network = self.resource = False
         self._forget(self.slots)
         self._due = NEVER
         self._show((0,) * self.layout.size)
 
     def completed(self, slot: int, now: int) -> None:
-        """A transfer is over, well or not: one pulse, with the next scan."""
+        """Show the end of a transfer, good or bad, as a pulse with the next scan."""
         self._done.add(slot)
         self._touch(now)
 
     def set_error(self, slot: int, on: bool, now: int) -> None:
-        """Whether a slot shows an error, from the next scan on."""
+        """Set whether a slot shows an error, from the next scan on."""
         (self._errors.add if on else self._errors.discard)(slot)
         self._touch(now)
 
     def set_network(self, on: bool, now: int) -> None:
-        """Whether the network can be used."""
+        """Set whether the network can be used."""
         self.network = on
         self._touch(now)
 
     def short(self, now: int) -> None:
-        """Something was short: one scan long."""
+        """Show a lack of resources for one scan."""
         self.resource = True
         self._touch(now)
 
     def clear(self, slots: Iterable[int]) -> None:
-        """The bits of these slots are 0, at once."""
+        """Set the bits of these slots to 0 at once."""
         self._forget(slots)
         bits = list(self._shown)
         for slot in slots:
@@ -85,11 +85,11 @@ class StatusImage:
 
     @property
     def deadline(self) -> int:
-        """When `tick` has something to show."""
+        """Return the time at which `tick` must show a change."""
         return self._due
 
     def tick(self, now: int) -> None:
-        """Shows what has happened, when a scan has begun."""
+        """Show the changes since the last scan, if a new scan has begun."""
         if self._due > now:
             return
         self._due = NEVER
@@ -102,7 +102,7 @@ class StatusImage:
         self.resource = False
 
     def _touch(self, now: int) -> None:
-        """The next scan that begins after `now` shows it."""
+        """Schedule the next scan after `now` to show a change."""
         if self._due == NEVER:
             self._due = self._origin + ((now - self._origin) // self.scan + 1) * self.scan
 

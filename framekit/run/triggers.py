@@ -1,9 +1,9 @@
-"""Triggers: what makes a block due, kept so that an idle block costs nothing.
+"""Triggers: the conditions that make a block due, at no cost for an idle block.
 
-A kind of trigger is a class and a row of `TRIGGERS`: its keys in a block and how they are read, what it hangs on while
-the block is armed (`arm`), and how often it makes blocks due, where that is known (`periods`). Time triggers sit in a
-heap, memory triggers hang on watches of the words they read, the end of a block is looked up by its number. Nothing
-here starts an exchange: when a block that is due may start is the scheduler's business.
+A kind of trigger is a class and a row of `TRIGGERS`: its keys in a block and their schemas, the registration at its
+sources while the block is armed (`arm`), and the periods at which it makes blocks due, if known (`periods`). Time
+triggers are in a heap, memory triggers are watches of the words that they read, and the end of a block is looked up by
+its number. This module starts no exchange: the scheduler decides when a due block may start.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ Call = Callable[[], object]
 
 
 class Condition:
-    """An expression over a memory; `addresses` are the places it reads, by the names it uses."""
+    """An expression over a memory; `addresses` are the places that it reads, by the names in the expression."""
 
     def __init__(self, expression: Expression, resolve: Resolve) -> None:
         self.expression = expression
@@ -46,16 +46,17 @@ class Condition:
             self._bit = None
 
     def reader(self, memory: DeviceMemory) -> Callable[[], bool]:
-        """Tells at every call whether it is true in this memory then; a condition that cannot be worked out is not."""
+        """Return a function that evaluates the condition; a condition that cannot be evaluated is false."""
         bit = self._bit
-        if bit is not None:  # most conditions are a bit, and nothing stands between a write and what it triggers
+        if bit is not None:  # most conditions are a bit: no expression is evaluated
             return partial(memory.area(bit.area).read_bit, bit.start)
         return partial(self._holds, memory)
 
     def number_reader(self, memory: DeviceMemory) -> tuple[Callable[[], int], int]:
-        """As `reader`, for a look after each write: what reads a number, and the bit of it that says so.
+        """Return a function that reads a number after each write, and the mask of the bit that shows the condition.
 
-        Of a bit it reads the byte, which takes no call of Python between a write and what it triggers.
+        For a condition of a single bit it reads the byte of the bit, without a Python call between a write and its
+        trigger.
         """
         bit = self._bit
         if bit is not None:
@@ -73,14 +74,14 @@ class Condition:
 
 
 class Cycle:
-    """A regular cycle: due times are `origin + n × period`; those that were missed are skipped, the phase stays."""
+    """A regular cycle: due times are `origin + n × period`. Missed times are skipped; the phase stays."""
 
     def __init__(self, origin: int, period: int) -> None:
         self.due = origin
         self.period = period
 
     def step(self, now: int) -> int:
-        """Moves to the first due time after `now`; how many were missed beside the one just taken."""
+        """Move to the first due time after `now`; return the number of times missed, without the one that was due."""
         if self.period <= 0:
             self.due = NEVER
             return 0
@@ -90,10 +91,9 @@ class Cycle:
 
 
 class ArmedTriggers:
-    """The triggers of one block while it is armed; they call what is here when the block is due.
+    """The triggers of one block while it is armed; they call the given functions when the block is due.
 
-    `note` and `wake` are called when it comes due by something in memory; `at(when, cycle)` makes it due at a time.
-    `unless`: whether the block is held back now; None where it never is. `levels`: each asks for another start.
+    `note` and `wake` are called when memory makes the block due; `at(when, cycle)` makes it due at a time.
     """
 
     def __init__(
@@ -105,10 +105,12 @@ class ArmedTriggers:
         self._note, self._wake = note, wake
         self._watches: list[Watch] = []
         self.levels: list[Callable[[], bool]] = []
+        """The conditions that request another start as long as they hold."""
         self.unless: Callable[[], bool] | None = None
+        """Return whether the block is held back now; None if it has no such condition."""
 
     def arm(self, triggers: Iterable[Trigger], unless: Expression | None, now: int) -> None:
-        """From now on the triggers make the block due, unless that condition holds it back."""
+        """Arm the triggers; while the condition `unless` holds, the block is held back."""
         held = None if unless is None else Condition(unless, self.resolve)
         self.unless = None if held is None else held.reader(self.memory)
         for trigger in triggers:
@@ -117,18 +119,21 @@ class ArmedTriggers:
             self._watch_hold(held)
 
     def fire(self) -> None:
-        """The block is due."""
+        """Make the block due."""
         self._note()
         self._wake()
 
     def watch(self, address: Address, bits: int, look: Callable[..., None]) -> None:
-        """Calls `look` when bits from an address on change: of a single word only these, of several each bit."""
+        """Call `look` on changes of bits from an address on.
+
+        Bits within one word: only their changes count; else changes of all bits of the words.
+        """
         first, last = address.first_bit // 16, (address.first_bit + bits - 1) // 16
         mask = ((1 << bits) - 1) << address.first_bit % 16 if first == last else ALL_BITS
         self._watches.append(self.memory.watch(address.area, first, last - first + 1, look, mask))
 
     def watch_condition(self, condition: Condition) -> None:
-        """Fires when the condition comes true; one that holds already has just come true."""
+        """Fire when the condition becomes true; a condition that is already true fires at once."""
         (read, mask), before = condition.number_reader(self.memory), 0
         note, wake = self._note, self._wake
 
@@ -145,12 +150,12 @@ class ArmedTriggers:
         look()
 
     def watch_level(self, condition: Condition) -> None:
-        """Asks for another start as long as the condition holds."""
+        """Request another start as long as the condition holds."""
         self.levels.append(condition.reader(self.memory))
         self.watch_condition(condition)
 
     def _watch_hold(self, unless: Condition) -> None:
-        """A level that `unless` has held back goes on when that is over."""
+        """Fire for a level that `unless` has held back, when `unless` ends."""
         holds_back = unless.reader(self.memory)
 
         def look(*_: object) -> None:
@@ -161,27 +166,30 @@ class ArmedTriggers:
             self.watch(address, address.unit_bits, look)
 
     def level_holds(self) -> bool:
-        """Whether a level asks for another start."""
+        """Return whether a level requests another start."""
         return bool(self.levels) and any(holds() for holds in self.levels)
 
     def cancel(self) -> None:
-        """Nothing in memory makes the block due any more."""
+        """Cancel the watches: memory no longer makes the block due."""
         for watch in self._watches:
             watch.cancel()
 
 
 class KnownPeriods(Protocol):
-    """What is known of a run when periods (ns) are worked out."""
+    """The periods (ns) of a run that its clocks and cycles define."""
 
     def of_condition(self, condition: Expression) -> Iterable[int]:
-        """Periods in which a condition rises, as far as clocks and ends of blocks say so."""
+        """Return the periods in which a condition becomes true, as far as clocks and ends of blocks define them."""
 
     def of_block(self, number: int) -> Iterable[int]:
-        """The period of another block of the set."""
+        """Return the periods of another block of the set."""
 
 
 class TriggerReader:
-    """Reads triggers of blocks; `address` and `condition` read the own memory's, `room` notes what is beyond it."""
+    """Read the triggers of blocks.
+
+    `address` and `condition` read addresses and expressions of the own memory; `room` reports a place beyond its area.
+    """
 
     def __init__(
         self, reader: Reader, address: Callable[[Node], Address], condition: Callable[[Node], Expression],
@@ -194,7 +202,7 @@ class TriggerReader:
         self._ends: list[tuple[int, Node]] = []
 
     def triggers(self, keys: MappingNode) -> tuple[Trigger, ...]:
-        """All triggers of a block. Raises Broken after all of them have been looked at."""
+        """Return all triggers of a block. Raise Broken after all of them have been checked."""
         found: list[Trigger] = []
         broken = False
         for key, kind in TRIGGERS.items():
@@ -212,18 +220,18 @@ class TriggerReader:
         return tuple(found)
 
     def some_time(self, node: Node) -> int:
-        """A time (ns) at which something can be. Raises Broken."""
+        """Return a finite time (ns). Raise Broken."""
         time = self.reader.time(node)
         if time >= NEVER:
             raise self.reader.broken(node.at, "never is no time to start at", "give a time such as 200 ms")
         return time
 
     def waits_for(self, number: int, node: Node) -> None:
-        """A trigger waits for the end of a block; whether there is such a block is known later."""
+        """Note that a trigger waits for the end of a block; `check_ends` checks later that the block exists."""
         self._ends.append((number, node))
 
     def check_ends(self, numbers: set[int]) -> None:
-        """Notes triggers that wait for a block there is not."""
+        """Report triggers that wait for a missing block."""
         for number, node in self._ends:
             if number not in numbers:
                 known = ", ".join(map(str, sorted(numbers)))
@@ -235,36 +243,39 @@ class TriggerReader:
 
 
 class Trigger(ABC):
-    """What makes a block due. A kind is a frozen value: runs that go on compare theirs with those of an edited file."""
+    """A condition that makes a block due.
+
+    A kind is a frozen value: an edit of a running run compares old and new triggers.
+    """
 
     __slots__ = ()
 
     @property
     def is_cycle(self) -> bool:
-        """Whether it makes the block due again and again by itself, in a time that is known."""
+        """Return whether the trigger repeats by itself with a known period."""
         return False
 
     @property
     def follows(self) -> tuple[int, bool] | None:
-        """The block of the set whose end it waits for, and whether that has to be a good one."""
+        """Return the block whose end it waits for, and whether that end must be good; None for other triggers."""
         return None
 
     @abstractmethod
     def arm(self, armed: ArmedTriggers, now: int) -> None:
-        """Hangs it on what makes the block due. The end of a block that it `follows` needs nothing."""
+        """Register the trigger at its source. A trigger that `follows` a block needs no registration."""
 
     def periods(self, known: KnownPeriods) -> Iterable[int]:
-        """How often it makes the block due (ns), if that is known."""
+        """Return the periods at which it makes the block due (ns), if they are known."""
         return ()
 
     def places(self, resolve: Resolve) -> Iterable[tuple[Address, int]]:
-        """What it looks at in memory: addresses, and how many bits from there on."""
+        """Return the addresses that it reads in memory, each with the number of bits."""
         return ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Every(Trigger):
-    """A regular cycle: due at `phase` after the start and every `period` (ns) from there, without drift."""
+    """A regular cycle: due at `phase` after the start, then every `period` (ns), without drift."""
 
     period: int
     phase: int = 0
@@ -290,7 +301,7 @@ class Every(Trigger):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rising(Trigger):
-    """Due when the expression over memory goes from false to true."""
+    """Due when the expression over memory changes from false to true."""
 
     condition: Expression
 
@@ -306,7 +317,7 @@ class Rising(Trigger):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class While(Trigger):
-    """Due again and again, as long as the expression over memory is true."""
+    """Due again and again as long as the expression over memory is true."""
 
     condition: Expression
 
@@ -323,7 +334,7 @@ class While(Trigger):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Changed(Trigger):
-    """Due when the place changes, or one of `words` words from it on."""
+    """Due when the place changes, or one of the `words` words from it on."""
 
     address: Address
     words: int | None = None
@@ -340,11 +351,11 @@ class Changed(Trigger):
 
     @property
     def bits(self) -> int:
-        """How many bits from its address on it looks at."""
+        """Return the number of watched bits from its address on."""
         return self.address.unit_bits if self.words is None else 16 * self.words
 
     def arm(self, armed: ArmedTriggers, now: int) -> None:
-        """Other bits of the words that it lies in do not count."""
+        """Watch the bits; changes of other bits of the same words do not count."""
         area, first, bits = armed.memory.area(self.address.area), self.address.first_bit, self.bits
         before = area.read_bits(first, bits)
 
@@ -391,7 +402,7 @@ class BlockEnd(Trigger):
         return self.block, self.ok
 
     def arm(self, armed: ArmedTriggers, now: int) -> None:
-        """Nothing: ends are looked up by the number of the block, also while this one is not armed."""
+        """Register nowhere: ends are looked up by the number of the block, also while this trigger is not armed."""
 
     def periods(self, known: KnownPeriods) -> Iterable[int]:
         return known.of_block(self.block) if self.ok else ()
@@ -401,7 +412,7 @@ _BLOCK_END = re.compile(r"block\s+(\d+)\s+(done|failed)")
 
 
 def load_when(read: TriggerReader, node: Node, keys: MappingNode) -> Trigger:
-    """An item of `when`: the end of a block, or a condition."""
+    """Return an item of `when`: the end of a block, or a condition."""
     text = read.reader.text(node).strip()
     match = _BLOCK_END.fullmatch(text)
     if match is None and re.match(r"block\s", text):
@@ -418,11 +429,11 @@ _WHEN = (
 )
 
 Load = Callable[[TriggerReader, Node, MappingNode], Trigger | None]
-"""Reads the value of a key of a block; also the other keys of the block are given. None: no trigger. Raises Broken."""
+"""Read the value of a key of a block; the third argument has all keys of the block. None: no trigger. Raise Broken."""
 
 
 class TriggerKind(NamedTuple):
-    """How the key is read, and the schemas of the keys of a block that belong to it, its own first."""
+    """The loader of a key, and the schemas of the keys of a block that belong to it, with its own key first."""
 
     load: Load
     schemas: Mapping[str, Schema]
@@ -448,20 +459,20 @@ TRIGGERS: dict[str, TriggerKind] = {
     "once": _kind(AfterStart.load_once, once=("flag", "yes: runs once, at the start.")),
     "after": _kind(AfterStart.load, after=("time", "Runs once, so long after the start.")),
 }
-"""By the key of a block. `when` may have a list, each item of which is read."""
+"""The kinds of triggers, by their key in a block. A list under `when` is read item by item."""
 
 
 def add_trigger(key: str, load: Load, schema: Schema) -> None:
-    """Registers a kind of trigger; `schema` is the JSON schema of its value.
+    """Register a kind of trigger; `schema` is the JSON schema of its value.
 
-    Raises ValueError for a key that another module has, and for what is no schema.
+    Raise ValueError for a key of another module, and for an invalid schema.
     """
     add_keys("run", "block", {key: schema}, load.__module__)
     TRIGGERS[key] = TriggerKind(load, {key: schema})
 
 
 def awaited_bits(triggers: Iterable[Trigger], resolve: Resolve) -> set[tuple[str, int]]:
-    """The bits that triggers look at, by area and number: of a memory's own bits only these have to tick."""
+    """Return the bits that triggers read, by area and number; a memory must update its own bits only for these."""
     return {
         (place.area, place.first_bit + bit)
         for trigger in triggers
