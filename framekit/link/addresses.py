@@ -1,9 +1,9 @@
 """Addresses as users write them, and the places they mean: `%MW100`, `40010`, `N7:0`, `T4:2.ACC`, `%R3`.
 
-A form takes a text apart and writes an address in it; patterns are made once, one for all areas that have the same
-widths. The grammar takes forms, areas and tables, so it serves protocols and memory profiles alike; it knows neither.
-Places are counted in units over the whole area, from 0. At the end forms are tried out: what one prints has to mean the
-same place when it is read again, by any form. Guide: areas, checker.
+A form parses and prints addresses. Its patterns are compiled once; areas with the same widths share a pattern. The
+grammar takes forms, areas and tables, so it serves protocols and memory profiles and depends on neither. Places are
+counted in units over the whole area, from 0. `check_addresses` tests forms: an address that a form prints must mean the
+same place when any form parses it. Guide: areas, checker.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ from framekit.memory.profile import ProfileArea
 
 
 class AreaView(str):
-    """An area's name. `area.COLUMN` is its value; a column that names a table is that table."""
+    """The name of an area. `area.COLUMN` is the value of a column, or a table if the column names a table."""
 
     columns: Mapping[str, Any]
 
     def language_attribute(self, name: str) -> Any:
-        """Raises KeyError for a column the area does not have."""
+        """Return the value of a column. Raise KeyError for a column that the area does not have."""
         return self.columns[name]
 
 
 def area_views(areas: Mapping[str, Area], values: Mapping[str, Any]) -> dict[str, AreaView]:
-    """The views of all areas; `values` of tables by their names."""
+    """Return the views of all areas; `values`: tables by their names."""
 
     def column(value: Constant) -> Any:
         return values[value] if isinstance(value, str) and value in values else value
@@ -54,7 +54,7 @@ def area_views(areas: Mapping[str, Area], values: Mapping[str, Any]) -> dict[str
 
 
 def code_of(area: Area, unit: str) -> Constant | None:
-    """What names the area on the wire when it is addressed in `unit`; an only code stands for every unit."""
+    """Return the code of the area on the wire when it is addressed in `unit`; a single code is valid for every unit."""
     if unit in area.codes:
         return area.codes[unit]
     return next(iter(area.codes.values())) if len(area.codes) == 1 else None
@@ -66,9 +66,9 @@ def code_of(area: Area, unit: str) -> Constant | None:
 _DIGITS = {10: "[0-9]", 16: "[0-9A-Fa-f]", 8: "[0-7]"}
 _FORMATS = {10: "d", 16: "X", 8: "o"}
 MOST_TRIED = 256
-"""So many values of numbers that have ranges are tried to write a place."""
+"""The limit of combinations of numbers with ranges that are tried to print a place."""
 _MOST_PLACES = 18
-"""Numbers without a width are cut here; no area is that large."""
+"""The most digits of a number without a width; no area needs more."""
 
 Parts = dict[str, Any]
 
@@ -78,13 +78,14 @@ class _MissingColumnError(Exception):
 
 
 class FormMatcher:
-    """A form with the areas it can name. `units` are the units a `{unit}` part may stand for, by its key."""
+    """An address form with the areas that it can name."""
 
     def __init__(self, form: AddressForm, areas: Mapping[str, Area], tables: Mapping[str, Table]) -> None:
         self.form = form
         self.areas, self.tables = areas, tables
         entries = tables[form.units_table].entries if form.units_table is not None else {}
         self.units = {str(key): str(unit) for key, unit in entries.items()}
+        """The units that a `{unit}` part can mean, by their key."""
         self._units_read = {self._folded(key): unit for key, unit in self.units.items()}
         self.fixed_area = form.area if isinstance(form.area, str) else None
         self.area_of = None if form.area is None or isinstance(form.area, str) else compile_expression(form.area)
@@ -93,7 +94,7 @@ class FormMatcher:
         start = form.results.get("start")
         only = None if start is None or any(True for _ in names_in(start.root)) else compile_expression(start)(Names())
         self.only_start = only if isinstance(only, int) else None
-        """Where the place is of a form that names one place of each area."""
+        """The start that the form gives if it names a single place of each area, else None."""
         self.flat = [part for item in form.parts for part in (item.parts if isinstance(item, Maybe) else (item,))]
         self.patterns = self._patterns()
         if not self.has_start:
@@ -106,7 +107,7 @@ class FormMatcher:
     # ---- patterns -----------------------------------------------------------------------------------------
 
     def _patterns(self) -> list[tuple[re.Pattern[str], dict[str, list[str | None]]]]:
-        """One pattern for the areas that share one, with the area names behind every text that may stand for them."""
+        """Return the patterns of the form, each with its area texts and the names of the areas that a text can mean."""
         naming = [part for part in self.flat if isinstance(part, Part) and part.what in ("area", "column")]
         if not naming:
             try:
@@ -131,13 +132,13 @@ class FormMatcher:
         return re.compile(pattern, re.IGNORECASE | re.ASCII if self.form.any_case else 0)
 
     def _folded(self, text: str) -> str:
-        """A word of the form as texts are looked up that are written so."""
+        """Return a word of the form as a key for texts, in lower case if the form accepts any case."""
         return text.lower() if self.form.any_case else text
 
     def _area_texts(self, part: Part, name: str) -> list[str]:
         area = self.areas[name]
         if part.what == "column":
-            return [str(area.columns.get(part.name, area.name))]  # one without the column goes by its own name
+            return [str(area.columns.get(part.name, area.name))]  # an area without the column has its own name
         return [name, *(area.aliases if isinstance(area, ProfileArea) else ())]
 
     def _pattern(self, area: str | None, texts: str) -> str:
@@ -188,7 +189,7 @@ class FormMatcher:
     # ---- reading ------------------------------------------------------------------------------------------
 
     def match(self, text: str) -> Iterator[tuple[str | None, Parts]]:
-        """The areas and parts that `text` can mean in this form, the longest area name first."""
+        """Return the areas and parts that `text` can mean in this form, the longest area name first."""
         found = []
         for pattern, texts in self.patterns:
             match = pattern.fullmatch(text)
@@ -201,14 +202,14 @@ class FormMatcher:
         return ((area, parts) for _, areas, parts in found for area in areas)
 
     def _out_of_range(self, parts: Mapping[str, Any]) -> Iterator[str]:
-        """The numbers that are not in their range."""
+        """Yield the names of the numbers outside their range."""
         for name, (low, high) in self.form.ranges.items():
             value = parts.get(name)
             if isinstance(value, int) and not low <= value <= high:
                 yield name
 
     def beyond(self, text: str) -> str:
-        """What is wrong with a text whose numbers are not in their ranges; empty for any other."""
+        """Return a message about a number outside its range, or an empty text."""
         for pattern, texts in self.patterns:
             match = pattern.fullmatch(text)
             if match is not None:
@@ -220,7 +221,7 @@ class FormMatcher:
         return ""
 
     def _values(self, match: re.Match[str], area: str | None) -> Parts:
-        """What the parts of a text say; areas that share a pattern write their numbers in one way."""
+        """Return the values of the parts of a text; areas that share a pattern write their numbers in one way."""
         parts: Parts = {}
         for number, part in enumerate(self.flat):
             if isinstance(part, Part) and part.what in ("unit", "number", "word"):
@@ -233,7 +234,7 @@ class FormMatcher:
         return parts
 
     def evaluate(self, parts: Parts, names: Names) -> Parts:
-        """The parts with the form's results beside them. Raises EVALUATION_ERRORS: then the form does not fit."""
+        """Return the parts and the results of the form. Raise EVALUATION_ERRORS if the form does not fit."""
         found = Names(parts, names)
         for name, evaluate in self.results:
             found[name] = evaluate(found)
@@ -242,7 +243,7 @@ class FormMatcher:
     # ---- writing ------------------------------------------------------------------------------------------
 
     def can_print(self, area: str, unit: str) -> bool:
-        """Whether addresses of this area and unit can be written in this form at all."""
+        """Return whether addresses of this area and unit can be printed in this form at all."""
         if self.fixed_area not in (None, area) or self.area_of is not None:
             return False
         return unit in self._written_units(area)
@@ -253,7 +254,7 @@ class FormMatcher:
         return (self.form.unit or self.areas[area].unit,)
 
     def print(self, area: str, unit: str, first_bit: int, parts: Mapping[str, Any], names: Names) -> str | None:
-        """The text of a place; None if this form cannot show it."""
+        """Return the text of a place, or None if this form cannot print it."""
         if not self.can_print(area, unit):
             return None
         start, over = divmod(first_bit, unit_bits(self.form.counts or unit))
@@ -274,14 +275,17 @@ class FormMatcher:
         return self._text(area, unit, known)
 
     def _says(self, start: int, parts: Parts, names: Names) -> bool:
-        """Whether these parts of an address name this start, where no part can be worked out of the start."""
+        """Return whether these parts give this start, for a form whose start has no inverse."""
         try:
             return bool(self.evaluate(parts, names)["start"] == start)
         except EVALUATION_ERRORS:
             return False
 
     def _solved(self, start: int, parts: Parts, names: Names) -> Parts | None:
-        """Parts that name this start: of one number that is multiplied and added to, and others that have ranges."""
+        """Return parts that give this start, or None.
+
+        The form may have numbers with ranges, and one other number on which the start depends linearly.
+        """
         numbers = dict.fromkeys(part.name for part in self.flat if isinstance(part, Part) and part.what == "number")
         free = [name for name in numbers if name not in self.form.ranges]
         spans = [range(low, high + 1) for low, high in self.form.ranges.values()]
@@ -296,7 +300,7 @@ class FormMatcher:
         return None
 
     def _solve_one(self, name: str, start: int, parts: Parts, names: Names) -> bool:
-        """Sets a part that the start grows with evenly; False where no whole number of it gives this start."""
+        """Set a part on which the start depends linearly; return False if no whole number gives this start."""
         try:
             first, second = (self.evaluate({**parts, name: one}, names)["start"] for one in (0, 1))
             found, over = divmod(start - first, second - first)
@@ -307,13 +311,13 @@ class FormMatcher:
 
     @property
     def variable(self) -> int:
-        """How many things a text of this form says."""
+        """Return the number of variable parts of the form."""
         return sum(isinstance(part, Part) for part in self.flat)
 
     def sample(self, area: str) -> str | None:
-        """A text of this form, which may mean no place that is there; None where the area has none.
+        """Return an example of this form, which may name a missing place; None if the form cannot name the area.
 
-        What a column of the area says is taken from there, every other number is 1.
+        Parts that are columns of the area have the value of the column; every other number is 1.
         """
         columns = self.areas[area].columns
         unit = self._written_units(area)[0]
@@ -324,7 +328,7 @@ class FormMatcher:
         return self._text(area, unit, known)
 
     def _text(self, area: str, unit: str, known: Mapping[str, Any]) -> str | None:
-        """The text with these values; None where one is missing or does not fit that has to be there."""
+        """Return the text with these values, or None if a required value is missing or does not fit."""
         text = ""
         for item in self.form.parts:
             parts = item.parts if isinstance(item, Maybe) else (item,)
@@ -358,7 +362,7 @@ class FormMatcher:
 
 
 def _in_order(form: AddressForm) -> list[tuple[str, Evaluate]]:
-    """The results so that each stands behind those it mentions. Raises ValueError for a circle."""
+    """Return the results, each after the results that it depends on. Raise ValueError for a circular dependency."""
     ordered = form.results_in_order()
     if len(ordered) < len(form.results):
         raise ValueError(f'the results of the address form "{form.text}" depend on each other in a circle')
@@ -369,39 +373,38 @@ def _in_order(form: AddressForm) -> list[tuple[str, Evaluate]]:
 
 
 MOST_EXAMPLES, MOST_AREAS = 4, 12
-"""How many forms and areas a message names."""
+"""The limits of forms and areas in a message."""
 
 
 class AddressError(ValueError):
-    """A text that is no address, or a place that is not there. The message is one sentence with what is known."""
+    """A text that is no address, or a place that does not exist. The message is one sentence with the known facts."""
 
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """Element `start` of `area`, counted from 0 in `unit`. `parts` are the other things the text says, by name.
-
-    `type`: the type of number that such a place usually holds; None: one without sign. `shift`: so many bits after
-    the start of this element the place begins, as a word at an odd byte does. `form`: the
-    form that the text is written in.
-    """
+    """A place: element `start` of `area`, counted from 0 in `unit`."""
 
     area: str
     unit: str
     start: int
     text: str = ""
     parts: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    """The other named parts of the text."""
     type: str | None = None
+    """The type of number that is usual at this place; None: unsigned."""
     shift: int = 0
+    """The distance in bits from the beginning of the element to the place, for example 8 for a word at an odd byte."""
     form: str = field(default="", compare=False, repr=False)
+    """The text of the form in which the address is written."""
 
     @property
     def unit_bits(self) -> int:
-        """Width of one element."""
+        """Return the width of an element in bits."""
         return unit_bits(self.unit)
 
     @property
     def first_bit(self) -> int:
-        """Bits of the area before this place."""
+        """Return the offset of the place in its area, in bits."""
         return self.start * self.unit_bits + self.shift
 
     def __str__(self) -> str:
@@ -411,14 +414,14 @@ class Address:
 
 NOT_READ: Any = object()
 MOST_KNOWN = 1024
-"""So many texts and what they mean, and so many forms made ready, are kept; then all are forgotten."""
+"""The size of the caches of parsed texts and of compiled forms; a full cache is cleared."""
 
 
 _made: dict[tuple[int, int, int], FormMatcher] = {}
 
 
 def _matcher(form: AddressForm, areas: Mapping[str, Area], tables: Mapping[str, Table]) -> FormMatcher:
-    """A form made ready once for all grammars of a definition: nothing changes in it."""
+    """Return the compiled form, which never changes and is shared by all grammars of a definition."""
     key = id(form), id(areas), id(tables)
     found = _made.get(key)
     if found is None:
@@ -429,10 +432,7 @@ def _matcher(form: AddressForm, areas: Mapping[str, Area], tables: Mapping[str, 
 
 
 class AddressGrammar:
-    """Forms of addresses over areas. Raises ValueError for a form that does not say where a place is.
-
-    `serves`: whether another device can be asked for a place; messages name only such.
-    """
+    """The address forms of some areas. Raise ValueError for a form without a start."""
 
     def __init__(self, forms: Sequence[AddressForm], areas: Mapping[str, Area], tables: Mapping[str, Table]) -> None:
         self.areas = areas
@@ -440,15 +440,16 @@ class AddressGrammar:
         self.views: dict[str, AreaView] = area_views(areas, self._tables)
         self._forms = [_matcher(form, areas, tables) for form in forms]
         self.serves: Callable[[Address], bool] = lambda address: True
+        """Return whether another device can be asked for a place; messages name only such places."""
         self._read_before: dict[str, Address | None] = {}
         self._wire = [form for form in self._forms if form.form.wire]
         self._own_first = {
             one.form.text: sorted(self._wire, key=lambda form: form.form.text != one.form.text) for one in self._wire
         }
-        """By the text of a form marked `wire`: these forms, that one first."""
+        """The forms marked `wire` in the order of attempts, by the text of the form that comes first."""
 
     def naming(self, serves: Callable[[Address], bool]) -> AddressGrammar:
-        """The same addresses; messages name only places that `serves` takes."""
+        """Return the same addresses; messages name only places that `serves` accepts."""
         same = copy(self)
         same.serves = serves
         return same
@@ -456,10 +457,10 @@ class AddressGrammar:
     # ---- reading ------------------------------------------------------------------------------------------
 
     def parse(self, text: str, unit: str | None = None, *, check: bool = True) -> Address:
-        """The place that `text` names; with `unit`, the same place counted in that unit.
+        """Return the place that `text` names; with `unit`, the place is counted in `unit`.
 
-        Raises AddressError for what no form takes, for a place that is not at a multiple of `unit`, and, with `check`,
-        for a place beyond the area.
+        Raise AddressError for text that fits no form, for a place that is not at a multiple of `unit`, and, with
+        `check`, for a place beyond the area.
         """
         text = text.strip()
         address = self._read(text)
@@ -472,7 +473,7 @@ class AddressGrammar:
         return address
 
     def find(self, text: str) -> Address | None:
-        """The place that `text` names, where a form takes it and its area has it."""
+        """Return the place that `text` names; None if no form accepts the text or the area does not have the place."""
         address = self._read(text)
         return address if address is not None and self._has(self.areas[address.area], address, 1) else None
 
@@ -482,7 +483,7 @@ class AddressGrammar:
         return address.start >= 0 and end <= area.size * area.element_bits
 
     def _read(self, text: str) -> Address | None:
-        """What a text means; the last ones are known, since a server is asked for the same places again and again."""
+        """Return the place that a text means, from a cache: a server receives the same addresses again and again."""
         found: Address | None = self._read_before.get(text, NOT_READ)
         if found is NOT_READ:
             found = self._read_now(text)
@@ -523,7 +524,7 @@ class AddressGrammar:
         return f"'{text}' is not an address – " + (hint if hint.startswith("did you mean") else self._examples())
 
     def _examples(self) -> str:
-        """How places are written here: short forms of whole elements first, each with an area of its own."""
+        """Return a hint with example addresses: short forms of whole elements first, each with an area of its own."""
         if not self._forms:
             return "nothing has an address here"
         forms = sorted(self._forms, key=lambda form: (form.form.unit == "bit", form.variable))
@@ -540,7 +541,7 @@ class AddressGrammar:
         return f"write it like {shown}; areas: {', '.join(served[:MOST_AREAS])}" + (", …" * (len(served) > MOST_AREAS))
 
     def _samples(self, form: FormMatcher) -> dict[str, str]:
-        """A place of each area that is there and served, in this form."""
+        """Return an address in this form for each area, if the place exists and is served."""
         found = {}
         for name, area in self.areas.items():
             names = Names({"area": self.views[name]}, self._tables)
@@ -553,11 +554,11 @@ class AddressGrammar:
         return found
 
     def check(self, address: Address, count: int = 1) -> None:
-        """Raises AddressError if any of `count` elements is beyond the area."""
+        """Raise AddressError if any of `count` elements is beyond the area."""
         self.check_in(self.areas[address.area], address, count)
 
     def check_in(self, area: Area, address: Address, count: int) -> None:
-        """The same, of an area as large as `area`."""
+        """Raise AddressError if any of `count` elements is beyond an area of the size of `area`."""
         if not self._has(area, address, count):
             there = area.size * area.element_bits // address.unit_bits
             has = self._range_of(address, there) if there else f"no whole {address.unit}"
@@ -565,7 +566,7 @@ class AddressGrammar:
             raise AddressError(f"{asked} is not in area {area.name}, which has {has}")
 
     def _range_of(self, address: Address, count: int) -> str:
-        """The places of an area that has `count`: as they are written, where that does not begin with 0."""
+        """Return the range of an area of `count` elements, as printed addresses if their numbers do not start at 0."""
         if address.area not in self.views:
             return f"{address.unit} 0 to {count - 1}"
         first, last = (self._written(replace(address, start=start, text="")) for start in (0, count - 1))
@@ -576,7 +577,7 @@ class AddressGrammar:
     # ---- places -------------------------------------------------------------------------------------------
 
     def in_unit(self, address: Address, unit: str) -> Address:
-        """The same place counted in another unit. Raises AddressError if it is not at a multiple of that."""
+        """Return the same place counted in another unit. Raise AddressError if it is not at a multiple of the unit."""
         if unit == address.unit:
             return address
         try:
@@ -589,7 +590,7 @@ class AddressGrammar:
         return replace(address, unit=unit, start=start, type=None, shift=0)
 
     def advance(self, address: Address, elements: int) -> Address:
-        """The place `elements` further on, with the text of that; what else the address says stays."""
+        """Return the place `elements` further on, with its text; the other parts of the address stay."""
         moved = replace(address, start=address.start + elements, text="")
         return replace(moved, text=self._written(moved) or "")
 
@@ -602,9 +603,10 @@ class AddressGrammar:
     # ---- writing ------------------------------------------------------------------------------------------
 
     def print(self, address: Address) -> str:
-        """The text of a place, in a form marked `wire` (its own, if that is one), else in the first that can show it.
+        """Return the text of a place.
 
-        Raises AddressError.
+        Forms marked `wire` are tried, beginning with the form of the address; if no form is marked, all forms are
+        tried. Raise AddressError if no form can print the place.
         """
         text = self._written(address)
         if text is None:
@@ -613,7 +615,7 @@ class AddressGrammar:
         return text
 
     def can_print(self, area: str, unit: str) -> bool:
-        """Whether a form marked `wire` shows places of this area and unit."""
+        """Return whether a form marked `wire` prints places of this area and unit."""
         return any(form.can_print(area, unit) for form in self._wire)
 
     def _written(self, address: Address) -> str | None:
@@ -629,13 +631,13 @@ class AddressGrammar:
 
 
 STARTS = (0, 1, 2, 7, 8, 9, 10, 11, 15, 16, 17, 31, 99, 100, 101, 255, 256, 999, 1000, 4095, 9999)
-"""Places that are tried, and the last one of the area."""
+"""The starts that are tested, in addition to the last element of the area."""
 
 
 def check_addresses(
     forms: Sequence[AddressForm], areas: Mapping[str, Area], tables: Mapping[str, Table]
 ) -> list[Problem]:
-    """One problem at most for every pair of forms."""
+    """Return the conflicts between forms, at most one problem for every pair of forms."""
     alone = [AddressGrammar([form], areas, tables) for form in forms]
     found: dict[tuple[int, int], Problem] = {}
     for place, grammar in enumerate(alone):
@@ -649,7 +651,7 @@ def check_addresses(
 
 
 def _texts(form: AddressForm, grammar: AddressGrammar) -> Iterator[tuple[Address, str]]:
-    """Addresses as this form writes them, with the places they were written for."""
+    """Yield addresses that this form prints, each with its place."""
     units = {form.unit} if form.unit else set()
     for name, area in grammar.areas.items():
         for unit in sorted(units or {area.unit, "bit", "byte", "word", "dword", "lword"}):

@@ -1,6 +1,6 @@
-"""What a receiver finds in a stream: frames, bad frames, and bytes that belong to nothing.
+"""The results of a receiver: frames, bad frames, and noise.
 
-Offsets count the bytes of the stream from its start; times are when the first and the last byte came.
+Offsets count the bytes of the stream from its start. Times are the arrival times of the first and the last byte.
 """
 
 from __future__ import annotations
@@ -13,20 +13,22 @@ from framekit.link.values import FrameValue
 
 
 class FrameArrived:
-    """A good frame, or one that is to be refused (`value.refusal`). `times`: when its first and last byte came.
+    """A good frame, or a frame that must be refused (`value.refusal`).
 
-    `decoded`: its fields, frames inside as the codec gives them; `make` makes a value of them, taking a refusal.
-    `value` is the frame. It is made on demand, unless it has been given: many frames a turn are cheaper so.
-    Its maker sets all attributes but that, which takes half the time of an `__init__` or a named tuple.
+    `value` is created on access, unless it has been set: that is cheaper for many frames a turn. All other attributes
+    are set by the code that creates the frame, which takes half the time of an `__init__` or a named tuple.
     """
 
     __slots__ = ("decoded", "make", "offset", "raw", "times", "value")
 
     make: Callable[[dict[str, Any], bytes, int | None], FrameValue]
+    """Create the value from the fields, the bytes and the refusal."""
     decoded: dict[str, Any]
+    """The fields; frames inside are as the codec returns them."""
     raw: bytes
     offset: int
     times: tuple[int, int]
+    """The arrival times of the first and the last byte."""
     value: FrameValue
 
     @property
@@ -38,7 +40,7 @@ class FrameArrived:
         return self.times[1]
 
     def __getattr__(self, name: str) -> Any:
-        """Only asked for what is not known yet."""
+        """Create `value` on its first access."""
         if name != "value":
             raise AttributeError(name)
         self.value = self.make(self.decoded, self.raw, None)
@@ -49,11 +51,11 @@ class FrameArrived:
 
 
 ONLY_CHECK = sys.maxsize
-"""The reach of a frame of which nothing but the check code is wrong."""
+"""The reach of a frame whose only fault is its check code."""
 
 
 class Fault(NamedTuple):
-    """What is wrong with a frame, and where."""
+    """The fault of a frame, and its place."""
 
     cause: str
     segment: str = ""
@@ -62,17 +64,14 @@ class Fault(NamedTuple):
     found: str = ""
     message: str = ""
     reach: int = 0
-    """How far the bytes are right: up to the first fault but a check code; `ONLY_CHECK` if only that is wrong."""
+    """The offset of the first fault other than a check code; `ONLY_CHECK` if only the check code is wrong."""
 
 
 class BadFrame:
-    """A frame with a fault that is not to be answered as a refusal.
+    """A frame with a fault that is not answered with a refusal.
 
-    `cause`: check parity framing overrun mark constant where digits value range require short too_long length surplus
-    cut.
-    `segment` and `place` say where in the frame (name or kind; byte offset), `expected` and `found` what was wrong.
-    These cost much more to find out than that there is a fault: they are found out on demand, which has to be
-    before a variable or parameter changes that the frame depends on.
+    The attributes of the fault cost much more than its detection, so they are determined on access. This must happen
+    before a change of a variable or parameter that the frame depends on.
     """
 
     __slots__ = (
@@ -81,14 +80,18 @@ class BadFrame:
     )  # fmt: skip
 
     cause: str
+    """One of check parity framing overrun mark constant where digits value range require short too_long length surplus
+    cut."""
     segment: str
+    """The name or the kind of the wrong segment."""
     place: int
+    """The byte offset of the fault in the frame."""
     expected: str
     found: str
     message: str
     reach: int
     limit: int
-    """The greatest reach that it can have: the first place with a byte that the frame never has there."""
+    """The upper bound of `reach`: the first place with a byte that the frame never has at this place."""
 
     def __init__(
         self,
@@ -106,7 +109,7 @@ class BadFrame:
         self.limit = limit
 
     def __getattr__(self, name: str) -> Any:
-        """Only asked for what is not known yet."""
+        """Determine the fault on the first access of its attributes."""
         if name not in Fault._fields:
             raise AttributeError(name)
         for field, value in zip(Fault._fields, self._explain(), strict=True):
@@ -134,9 +137,9 @@ def furthest_of(frames: Sequence[BadFrame]) -> BadFrame:
 
 
 class AnyBad(BadFrame):
-    """Bytes that may have been any of several frames in the order of their limits: on demand, which was right furthest.
+    """Bytes that may be a bad frame of several kinds, with the frames in the order of their limits.
 
-    Together with it is found out all that is wrong with them.
+    The frame with the longest correct part is determined on access, together with its fault.
     """
 
     __slots__ = ("_frames",)
@@ -147,7 +150,7 @@ class AnyBad(BadFrame):
         self.started_at, self.ended_at = first.started_at, first.ended_at
 
     def __getattr__(self, name: str) -> Any:
-        """Only asked for what is not known yet."""
+        """Determine the frame and its fault on the first access."""
         if name not in _FOUND_OUT:
             raise AttributeError(name)
         furthest = furthest_of(self._frames)
@@ -160,23 +163,24 @@ _FOUND_OUT = ("frame", *Fault._fields)
 
 
 class Noise(NamedTuple):
-    """A run of bytes that fit nothing. `skipped`: they belong to a bad frame that has been reported already."""
+    """A run of bytes that fit no frame."""
 
     data: bytes
     offset: int
     started_at: int
     ended_at: int
     skipped: bool = False
+    """Whether the bytes belong to a bad frame that has been reported already."""
 
 
 new_tuple = tuple.__new__
-"""Makes a named tuple in a quarter of the time that calling its class takes."""
+"""Create a named tuple in a quarter of the time of a call of its class."""
 
 Arrival = FrameArrived | BadFrame | Noise
 
 
 class ToldBytes:
-    """What of a stream has been told as bad frames: bytes of them that are passed over again are not told twice."""
+    """The end of the bytes that were reported as bad frames, so that noise does not repeat them."""
 
     __slots__ = ("_end",)
 
@@ -184,9 +188,9 @@ class ToldBytes:
         self._end = 0
 
     def bad(self, bad: BadFrame) -> None:
-        """A bad frame is told."""
+        """Note the report of a bad frame."""
         self._end = max(self._end, bad.offset + len(bad.raw))
 
     def new_bytes(self, noise: Noise) -> int:
-        """How many of its last bytes no bad frame had."""
+        """Return how many of the last bytes of `noise` were in no reported bad frame."""
         return min(len(noise.data), max(0, noise.offset + len(noise.data) - self._end))

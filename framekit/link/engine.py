@@ -143,7 +143,7 @@ class Engine:
         self.is_busy = False
         """Whether effects of an event are being handled."""
         self.deadline = NEVER
-        """The time of the next `tick`, as of the last event; NEVER without such a time."""
+        """The time of the next `tick`, as of the last event, or NEVER."""
         self._circle_at = -1
 
     # ---- events -------------------------------------------------------------------------------------------

@@ -156,7 +156,7 @@ class Tape:
 
     def __init__(self, begins: Callable[[], None], mark: Any = None, records: list[Record] | None = None) -> None:
         self.begins = begins
-        """Called before the first record after each `take`; it raises nothing."""
+        """Called before the first record after each `take`; it must not raise."""
         self.mark = mark
         """Says which engine a record is of."""
         self.records: list[Record] = [] if records is None else records

@@ -1,7 +1,7 @@
-"""Frames made wrong on purpose: a wrong check code, a wrong station, in the bytes of a frame that is right.
+"""Corrupt good frames on purpose: give them a wrong check code or a wrong station.
 
-The definition says where they stand; every frame made here is read back, so that nothing else in it is wrong. When and
-how often that happens is not known here.
+The definition determines where these are; every corrupted frame is decoded again, so that the rest of it stays right.
+The caller decides when and how often a frame is corrupted.
 """
 
 from __future__ import annotations
@@ -26,10 +26,11 @@ TRIES = 64
 
 
 class FrameFaults:
-    """Makes frames of one side wrong. `scope`: its names, for frames that depend on parameters; `answers`: whose side.
+    """Corrupt the frames of a side.
 
-    A size that an earlier frame has announced is found by trying. Frames that depend on more (on a request before them,
-    say) may not be known again: they stay whole.
+    `scope`: the names for frames that depend on parameters. `answers`: whether the frames are those of the server. A
+    size that an earlier frame has announced is found by trying. Frames with other dependencies (on an earlier request,
+    for example) may not be recognized and stay whole.
     """
 
     def __init__(self, protocol: Protocol, codec: Codec, scope: Scope, answers: bool) -> None:
@@ -44,23 +45,23 @@ class FrameFaults:
 
     @cached_property
     def stations(self) -> frozenset[str]:
-        """Names of the fields that carry a station."""
+        """Return the names of the fields that carry a station."""
         return station_fields(self.protocol)
 
     @cached_property
     def frames(self) -> list[str]:
-        """The frames that stand on the line by themselves, those that only the other side sends last."""
+        """Return the frames on the line, with frames of the other side at the end."""
         inside = self.protocol.carried
         outer = [one for one in self.protocol.frames.values() if not one.inner and one.name not in inside]
         return [frame.name for frame in sorted(outer, key=lambda frame: frame.side == self.other)]
 
     def name_of(self, data: bytes) -> str | None:
-        """Which frame of this side these bytes are; None when they are no single one."""
+        """Return the name of the frame of this side that the bytes form, or None if they are not exactly one frame."""
         found = self._known(data)
         return None if found is None else found[0]
 
     def _known(self, data: bytes) -> tuple[str, Names] | None:
-        """The frame that these bytes are, and the names it can be read with."""
+        """Return the name of the frame that the bytes form, and the names it can be decoded with."""
         for names in self._possible_names(len(data)):
             for name in self.frames:
                 if self._read(name, data, names) is not None:
@@ -74,7 +75,7 @@ class FrameFaults:
                 yield Names({name: announced}, self.names)
 
     def wrong_check(self, data: bytes, random: Random) -> bytes | None:
-        """The same frame with a check code that is wrong; None when it has none, or is no frame."""
+        """Return the frame with a wrong check code; None if it has no check code or is not recognized."""
         known = self._known(data)
         if known is None:
             return None
@@ -96,7 +97,10 @@ class FrameFaults:
         return False
 
     def wrong_station(self, data: bytes, random: Random) -> bytes | None:
-        """The same frame from another station, its check code right; None when it names none, or is no frame."""
+        """Return the frame from another station with the right check code.
+
+        None if the frame has no station that can be changed, or is not recognized.
+        """
         known = self._known(data)
         fields = None if known is None else self._read(known[0], data, known[1])
         if known is None or fields is None:
@@ -125,7 +129,10 @@ class FrameFaults:
 
 
 def _changed(data: bytes, place: int, random: Random) -> bytes:
-    """One byte made another of its sort: a hex digit stays one, so that nothing but its value is wrong."""
+    """Return the data with a random byte at an offset.
+
+    Most hex digits are replaced by hex digits, so that only the value is wrong. The data may be unchanged.
+    """
     old = data[place]
     digits = b"0123456789ABCDEF"
     new = random.choice(digits) if old in digits and random.random() < 0.75 else random.randrange(256)
@@ -133,7 +140,7 @@ def _changed(data: bytes, place: int, random: Random) -> bytes:
 
 
 def _numbers(fields: Mapping[str, Any]) -> list[tuple[Any, str]]:
-    """Every number in fields and in records inside, with what holds it."""
+    """Return every number in fields and in records inside, each as its container and name."""
     found: list[tuple[Any, str]] = []
     for name, value in fields.items():
         if isinstance(value, Mapping):
@@ -149,9 +156,10 @@ STATIONS = ("station", "own")
 
 
 def station_fields(protocol: Protocol) -> frozenset[str]:
-    """Names of the fields that carry a station: those that the definition fills with one.
+    """Return the names of the fields that carry a station: those that the definition fills with a station.
 
-    Worked out from constructors (`{frame: {field: station}}`), assignments and `echo`; no field's name means anything.
+    They are determined from constructors (`{frame: {field: station}}`), assignments and `echo`; the name of a field has
+    no influence.
     """
     found = {name for name, value in _filled(protocol) if isinstance(value, Expression) and _is_station(value)}
     for frame in protocol.frames.values():
@@ -162,7 +170,7 @@ def station_fields(protocol: Protocol) -> frozenset[str]:
 
 
 def _filled(protocol: Protocol) -> Iterator[tuple[str, Any]]:
-    """Every field of a frame with what it is filled with."""
+    """Yield every field of a frame that the definition sets, with its value."""
     procedure = (dict(protocol.sequences), dict(protocol.services), protocol.errors)
     for frame in parts_of(procedure, FrameOf):
         yield from frame.fields.items()

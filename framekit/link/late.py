@@ -429,9 +429,9 @@ class LateReplies:
     def silent(self, run: Run) -> int:
         """Return 0 if an exchange in doubt may run again, else until when the silence has to last.
 
-        While the line is draining, that is the end of the last open request. A shorter silence proves that no reply is
-        as late as the last one, not that none is later: where a device works on several requests at once, replies
-        overtake each other.
+        While the line is draining, that is the end of the last open request. A shorter silence shows only that no reply
+        is as late as the last late reply; even later replies are possible: where a device works on several requests at
+        once, replies overtake each other.
         """
         doubt, now = run.doubt, self._scope.now
         if doubt is None:

@@ -1,7 +1,7 @@
-"""Listens to a line between others: frames of both sides on the same wires, or on two. It never has anything to send.
+"""Listen to a line between other stations: frames of both sides on the same wires, or on two. A listener never sends.
 
-Sans-I/O like the engine: it is told bytes and times, and tells its monitor what it saw. Sequences are not followed:
-which side speaks next is guessed from which spoke last, and only decides what is tried first.
+Sans-I/O like the engine: it receives bytes and times, and reports frames to its monitor. It does not follow sequences:
+the last speaker decides which side is expected next, and this only decides which frames are tried first.
 """
 
 from __future__ import annotations
@@ -23,11 +23,12 @@ Direction = Literal["in", "out", ""]
 Side = Literal["client", "server"]
 
 LONGEST_PAUSE = 1_000_000_000
-"""An unfinished frame ends after so long a silence (ns) where the definition has no `gap`: nothing else gives it up."""
+"""The silence (ns) that ends an unfinished frame if the definition has no `gap`. Without it, the frame would never end.
+"""
 
 
 class _Wires:
-    """What comes in one direction. `side`: who speaks there, None when both do."""
+    """The state of one direction. `side`: the side that speaks in this direction, or None for both."""
 
     def __init__(self, receiver: Receiver, direction: Direction, side: Side | None) -> None:
         self.receiver = receiver
@@ -38,10 +39,10 @@ class _Wires:
 
 
 class Listener:
-    """Finds the frames on a line. `client`: the direction in which the client speaks, where the two are apart.
+    """Find the frames on a line. `client`: the direction of the client, if the directions are separate.
 
-    `monitor` is told of frames, bad frames, noise, breaks and trouble, each with its own time. Raises ParameterError
-    for parameters that do not fit. Nothing else here raises.
+    `monitor` receives frames, bad frames, noise, breaks and trouble, each with its own time. Raise ParameterError for
+    parameters that do not fit; no method raises.
     """
 
     def __init__(
@@ -73,14 +74,14 @@ class Listener:
         self._hears_marks = False
 
     def hear_marks(self) -> None:
-        """The port, or the capture, tells the ninth bits of characters."""
+        """Note that the port or the capture reports the ninth bits of characters."""
         line = self.scope.line.line
         self._hears_marks = self.protocol.line.has_marks and line is not None and line.has_marks
         for wires in self._wires.values():
             wires.receiver.hear_marks(self._hears_marks)
 
     def _sides(self) -> dict[Side, tuple[tuple[str, ...], tuple[str, ...]]]:
-        """For each side that may speak next: its frames and those of both, then the other side's."""
+        """Return the frames to expect from each side: its own and common frames, then those of the other side."""
 
         def of(*sides: str) -> tuple[str, ...]:
             return tuple(name for name in self.table.on_line if self.table.infos[name].frame.side in sides)
@@ -103,7 +104,7 @@ class Listener:
     def receive(
         self, data: bytes, now: int, faults: Iterable[CharacterFault] = (), direction: Direction = "in"
     ) -> None:
-        """Bytes came, the last of them at `now`."""
+        """Handle received bytes; the last of them came at `now`."""
         wires = self._wire(direction)
         scope = self.scope
         began = max(scope.now, now - scope.line.chars(len(data)))
@@ -114,20 +115,20 @@ class Listener:
         self._take(wires)
 
     def other_sender(self, now: int) -> None:
-        """What comes from now on comes from another sender."""
+        """Note that the following bytes come from another sender; unfinished frames become noise."""
         self.scope.now = max(self.scope.now, now)
         for wires in self._wires.values():
             self._flush(wires)
 
     def line_break(self, now: int, direction: Direction = "in") -> None:
-        """The line was in break state; an unfinished frame belongs to nothing."""
+        """Handle a break state of the line; unfinished frames become noise."""
         self.scope.now = max(self.scope.now, now)
         for wires in self._wires.values():
             self._flush(wires)
         self._show("break", now, direction)
 
     def tick(self, now: int) -> None:
-        """Nothing has come until `now`."""
+        """Handle the silence until `now`."""
         while (due := self.deadline) <= now:
             self.scope.now = max(self.scope.now, due)
             for wires in list(self._wires.values()):
@@ -138,7 +139,7 @@ class Listener:
         self.scope.now = max(self.scope.now, now)
 
     def ended(self, now: int) -> None:
-        """Nothing more comes: what has not become a frame is shown."""
+        """Handle the end of the input: report the remaining bytes."""
         self.tick(now)
         for wires in self._wires.values():
             wires.receiver.cut()
@@ -148,13 +149,13 @@ class Listener:
 
     @property
     def deadline(self) -> int:
-        """When `tick` is to be called although nothing came."""
+        """Return when to call `tick` if no bytes come."""
         due = NEVER
         for wires in self._wires.values():
             due = min(due, wires.receiver.deadline, wires.cut_at)
         return due
 
-    # ---- what comes of it ---------------------------------------------------------------------------------
+    # ---- results ------------------------------------------------------------------------------------------
 
     def _take(self, wires: _Wires) -> None:
         receiver = wires.receiver

@@ -1,9 +1,9 @@
-"""Elements of a transfer as they stand in the data bytes of a frame, and as device memory holds them; typed values.
+"""Convert elements of a transfer between the data bytes of a frame, device memory and typed values.
 
-The form between both is memory's own: little-endian elements one after the other, bits packed with the first in bit 0.
-It knows no areas and no frames. Guide: services. Typed values travel as elements of transfers: a type is a unit of
-memory (`word`) or a view of several bytes (`float32`, `string`); where none is given, the address says what usually
-stands there. Language reference, section 10.
+The intermediate form is memory's own: consecutive little-endian elements, bits packed with the first in bit 0. This
+module knows no areas and no frames. Guide: services. Typed values travel as elements of transfers: a type is a unit of
+memory (`word`) or a view of several bytes (`float32`, `string`). Without a type, the usual type of the address applies.
+Language reference, section 10.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ _DIGITS = bytes.maketrans(b"\0\1", b"01")
 
 
 class PackingError(ValueError):
-    """Data bytes that do not hold what was asked for."""
+    """Data bytes or values that do not fit the requested elements."""
 
 
 WORDS = ("word", "dword", "lword")
 
 
 class Packer:
-    """One unit in one packing. Counts and starts are in units.
+    """The conversion of a unit in a packing. Counts and starts are in units.
 
-    `data` is what stands in the frame, `memory` the same elements in memory's form.
+    `data` are the bytes in the frame, `memory` the same elements in memory's form.
     """
 
     __slots__ = ("_swapped", "bits", "bits_form", "order", "unit")
@@ -52,7 +52,7 @@ class Packer:
         self._swapped = self.bits // 8 if self.order == "big" and self.bits in (16, 32, 64) else 0
 
     def size(self, start: int, count: int) -> int:
-        """Data bytes that `count` elements from `start` on take."""
+        """Return the number of data bytes of `count` elements from `start` on."""
         if self.bits > 1:
             return count * self.bits // 8
         if self.bits_form in _POINT_EACH:
@@ -62,7 +62,7 @@ class Packer:
         return span(start, count) if self.bits_form == "aligned" else (count + 7) // 8
 
     def most(self, start: int, data_bytes: int) -> int:
-        """How many elements from `start` on fit into so many data bytes."""
+        """Return how many elements from `start` on fit into so many data bytes."""
         if self.bits > 1:
             return data_bytes * 8 // self.bits
         if self.bits_form in _POINT_EACH:
@@ -72,7 +72,7 @@ class Packer:
         return max(0, data_bytes * 8 - (start % 8 if self.bits_form == "aligned" else 0))
 
     def count_in(self, start: int, data_bytes: int) -> int:
-        """The elements that exactly fill so many data bytes. Raises PackingError if none do."""
+        """Return the number of elements that exactly fill so many data bytes. Raise PackingError if there is none."""
         count = self.most(start, data_bytes)
         if self.size(start, count) != data_bytes:
             raise PackingError(f"{data_bytes} bytes are no whole number of {self.unit} elements")
@@ -81,7 +81,7 @@ class Packer:
     # ---- data bytes and memory ----------------------------------------------------------------------------
 
     def to_data(self, memory: bytes, start: int, count: int) -> bytes:
-        """The data bytes of elements in memory's form."""
+        """Return the data bytes of elements in memory's form."""
         if self.bits > 8:
             return swap(memory, self._swapped) if self._swapped else ordered(memory, self.order, self.bits // 8)
         if self.bits == 8 or self.bits_form == "packed":
@@ -96,7 +96,7 @@ class Packer:
         return shifted.to_bytes(span(start, count), "little")
 
     def reader(self, start: int, count: int) -> Callable[[bytes], bytes]:
-        """Return `to_memory` for these elements, which takes less work each time."""
+        """Return a function like `to_memory` for these elements that takes less work at each call."""
         if not self._swapped:
             return lambda data: self.to_memory(data, start, count)
         size, code = self.size(start, count), UNSIGNED_CODES[self.bits]
@@ -111,10 +111,10 @@ class Packer:
         return read
 
     def to_memory(self, data: bytes, start: int, count: int) -> bytes:
-        """The elements in memory's form; bits that are none of them are 0.
+        """Return the elements in memory's form; unused bits are 0.
 
-        Raises PackingError for data of another size than `size(start, count)`, and for a byte, nibble or digit that is
-        neither 0 nor 1.
+        Raise PackingError for data of another size than `size(start, count)`, and for a nibble or digit, or a byte that
+        stands for a bit, that is neither 0 nor 1.
         """
         wanted = count * self.bits // 8 if self.bits > 1 else self.size(start, count)
         if len(data) != wanted:
@@ -128,13 +128,13 @@ class Packer:
         if self.bits_form == "digit_each":
             return _from_digits(data.decode("latin-1"))
         if self.bits_form == "nibble_each":
-            return _from_digits(data.hex()[:count])  # after an odd number of points a nibble is filled up
+            return _from_digits(data.hex()[:count])  # an odd number of points is padded to a byte
         number = int.from_bytes(data, "little") >> (start % 8 if self.bits_form == "aligned" else 0)
         return (number & ((1 << count) - 1)).to_bytes((count + 7) // 8, "little")
 
 
 class Packers(dict[str, Packer]):
-    """The packers of one packing by unit, each made when it is asked for."""
+    """The packers of a packing by unit, each created on first use."""
 
     def __init__(self, packing: Packing) -> None:
         super().__init__()
@@ -146,14 +146,14 @@ class Packers(dict[str, Packer]):
 
 
 def in_unit(memory: bytes, order: str, one: str, other: str) -> bytes:
-    """Data of an area of this order, elements of a unit in memory's form, as elements of another unit."""
+    """Convert elements of a unit in memory's form to elements of another unit, for an area of this order."""
     if order == "little" or one == other:
         return memory
     return ordered(ordered(memory, order, unit_bits(one) // 8), order, unit_bits(other) // 8)
 
 
 def cut_memory(memory: bytes, first_bit: int, bits: int) -> bytes:
-    """Part of data in memory's form: `bits` bits from bit `first_bit` on."""
+    """Return `bits` bits of data in memory's form, from bit `first_bit` on."""
     if first_bit % 8 == 0 and bits % 8 == 0:
         return memory[first_bit // 8 : (first_bit + bits) // 8]
     number = int.from_bytes(memory, "little") >> first_bit & ((1 << bits) - 1)
@@ -161,7 +161,7 @@ def cut_memory(memory: bytes, first_bit: int, bits: int) -> bytes:
 
 
 def join_memory(pieces: Sequence[tuple[bytes, int]]) -> bytes:
-    """Pieces of memory's form, each with its number of bits, one behind the other without gaps."""
+    """Join pieces of memory's form, each with its number of bits, without gaps."""
     if all(bits % 8 == 0 for _, bits in pieces[:-1]):
         return b"".join([data for data, _ in pieces])
     number = place = 0
@@ -172,12 +172,12 @@ def join_memory(pieces: Sequence[tuple[bytes, int]]) -> bytes:
 
 
 def values_of(memory: bytes, unit: str, count: int) -> list[int]:
-    """Elements in memory's form as unsigned numbers."""
+    """Return elements in memory's form as unsigned numbers."""
     return list(reader_of(unit, count)(memory))
 
 
 def reader_of(unit: str, count: int) -> Callable[[bytes], Iterable[int]]:
-    """`values_of` for so many elements, to be used again and again."""
+    """Return a function like `values_of` for so many elements, for repeated use."""
     bits = unit_bits(unit)
     if bits == 1:
         return lambda memory: unpack_bits(memory, count)
@@ -190,7 +190,7 @@ def reader_of(unit: str, count: int) -> Callable[[bytes], Iterable[int]]:
 
 
 def memory_of(values: Sequence[int], unit: str) -> bytes:
-    """Unsigned numbers, or negative ones as two's complement, in memory's form. Raises PackingError."""
+    """Return unsigned numbers, or negative numbers as two's complement, in memory's form. Raise PackingError."""
     bits = unit_bits(unit)
     if bits == 1:
         return _packed(values)
@@ -202,9 +202,9 @@ def memory_of(values: Sequence[int], unit: str) -> bytes:
 
 
 def numbers_of(memory: bytes, unit: str, type_: str | None, count: int) -> list[Any]:
-    """Elements in memory's form as numbers of the type that they usually hold, without sign where that is none.
+    """Return elements in memory's form as numbers of `type_`, unsigned without a type.
 
-    Raises PackingError for digits that are none.
+    Raise PackingError for invalid digits.
     """
     view = _view_of(unit, type_)
     if view is None:
@@ -217,7 +217,10 @@ def numbers_of(memory: bytes, unit: str, type_: str | None, count: int) -> list[
 
 
 def memory_of_numbers(numbers: Sequence[Any], unit: str, type_: str | None) -> bytes:
-    """The reverse of `numbers_of`; fractions stand in floating-point numbers only. Raises PackingError."""
+    """Return numbers in memory's form, as the reverse of `numbers_of`; only floating-point numbers hold fractions.
+
+    Raise PackingError.
+    """
     view = _view_of(unit, type_)
     if view is None:
         return memory_of([_whole(number, unit) for number in numbers], unit)
@@ -232,13 +235,13 @@ _FLOAT = Struct("<f")
 
 
 def _shortest(number: float) -> float:
-    """The number with the fewest digits that is the same in 32 bits: 12.3, not 12.300000190734863."""
+    """Return the number with the fewest digits and the same value in 32 bits: 12.3, not 12.300000190734863."""
     short = (float(f"{number:.{digits}g}") for digits in range(6, 9))
     return next((one for one in short if _FLOAT.pack(one) == _FLOAT.pack(number)), number)
 
 
 def _float(number: Any, kind: str) -> float:
-    """A number for a view of floats. Raises PackingError for what is none, or too large."""
+    """Return a number for a view of floats. Raise PackingError for a non-number, or a number that is too large."""
     if isinstance(number, (int, float)):
         return number
     if isinstance(number, Decimal):
@@ -249,7 +252,7 @@ def _float(number: Any, kind: str) -> float:
 
 
 def _whole(number: Any, kind: str) -> int:
-    """A number without its empty fraction. Raises PackingError for one that has more than that."""
+    """Return a number as an integer. Raise PackingError for a non-number, or a number with a fraction."""
     if isinstance(number, int):
         return number
     if isinstance(number, (Decimal, float)) and isfinite(number) and number == int(number):
@@ -259,7 +262,7 @@ def _whole(number: Any, kind: str) -> int:
 
 @cache
 def _view_of(unit: str, type_: str | None) -> NumberView | None:
-    """The numbers of a type that are as wide as the elements of this unit."""
+    """Return the view of a type, if its numbers are as wide as the elements of this unit."""
     if type_ is None or NUMBER_BITS.get(type_) != unit_bits(unit):
         return None
     view = view_of(type_)
@@ -274,7 +277,7 @@ def _packed(bits: Sequence[int]) -> bytes:
 
 
 def _from_digits(digits: str) -> bytes:
-    """Bits in memory's form from their digits, the first one first."""
+    """Return bits in memory's form from their digits, the first digit first."""
     if digits.strip("01"):
         wrong = next(digit for digit in digits if digit not in "01")
         raise PackingError(f"{wrong!r} is not a bit – only 0 and 1 are")
@@ -285,16 +288,16 @@ def _from_digits(digits: str) -> bytes:
 
 
 Value = int | float | str
-"""What is written."""
+"""A value to write."""
 
 
 class TypedError(ValueError):
-    """A type, a count or a value that does not fit a place; the message says what to do."""
+    """A type, a count or a value that does not fit a place; the message includes a hint."""
 
 
 @dataclass(frozen=True, slots=True)
 class Typed:
-    """How `count` values of a type at a place of the unit `place` travel: as `units` × `unit` (None: its own unit)."""
+    """The encoding of `count` values of a type: `units` elements of `unit` (None: the unit of the place, `place`)."""
 
     type: str
     view: NumberView | TextView | CountedTextView | None
@@ -305,28 +308,28 @@ class Typed:
 
     @property
     def carrier(self) -> str:
-        """The unit of the elements in which they travel."""
+        """Return the unit of the elements of the transfer."""
         return self.unit or self.place
 
     @property
     def bits(self) -> int:
-        """What they take in all."""
+        """Return the size of all values in bits."""
         return self.units * unit_bits(self.carrier)
 
     @property
     def is_float(self) -> bool:
-        """Whether the values are floating-point numbers."""
+        """Return whether the values are floating-point numbers."""
         return isinstance(self.view, NumberView) and self.view.kind == "float"
 
     @property
     def bounds(self) -> tuple[float, float] | None:
-        """The least and the greatest number that such a place holds; None where it holds texts."""
+        """Return the least and the greatest number of the type; None for texts."""
         if self.view is None:
             return 0, (1 << unit_bits(self.carrier)) - 1
         return self.view.bounds if isinstance(self.view, NumberView) else None
 
     def values(self, data: bytes, numbers: Sequence[int]) -> list[Any]:
-        """The values in what a transfer brought. Raises ValueError for data that hold none of this type."""
+        """Return the values in the data of a transfer. Raise ValueError for data that do not hold this type."""
         if self.view is None:
             return list(numbers)
         try:
@@ -339,7 +342,7 @@ class Typed:
             raise TypedError(f"{error} – read it as {self.carrier}") from None
 
     def numbers(self, values: Sequence[Value]) -> list[int]:
-        """What a transfer carries for the values. Raises TypedError for values that do not fit."""
+        """Return the elements of a transfer for the values. Raise TypedError for values that do not fit."""
         try:
             match self.view:
                 case NumberView() as view:
@@ -358,7 +361,10 @@ class Typed:
 
 
 def typed_at(grammar: AddressGrammar, address: str, type_: str | None, order: str | None, count: int) -> Typed:
-    """How values of a type (None: what the address usually holds) at an address travel. Raises TypedError."""
+    """Return the encoding of values at an address. Raise TypedError.
+
+    `type_`: the type of the values; default: the usual type of the address.
+    """
     if not isinstance(address, str):
         raise TypedError(f"an address is a text: {_hint(address)}")
     if not isinstance(count, int):
@@ -385,41 +391,42 @@ def typed_at(grammar: AddressGrammar, address: str, type_: str | None, order: st
 
 @dataclass(frozen=True, slots=True)
 class TypedEach:
-    """How one number at each of several addresses travels: in `unit`, or (None) each in that of its place."""
+    """The encoding of a number at each of several addresses."""
 
     each: tuple[Typed, ...]
 
     @property
     def unit(self) -> str | None:
+        """Return the common unit of the transfer, or None if each place is transferred in its own unit."""
         units = {how.unit for how in self.each}
         return units.pop() if len(units) == 1 else None
 
     @property
     def type(self) -> str:
-        """The type, or all there are."""
+        """Return the type, or all different types."""
         return ", ".join(dict.fromkeys(how.type for how in self.each))
 
     def values(self, numbers: Sequence[int]) -> list[Any]:
-        """The values in what a transfer brought."""
+        """Return the values in the elements of a transfer."""
         return [
             number if how.view is None else how.values(memory_of([number], how.carrier), [number])[0]
             for how, number in zip(self.each, numbers, strict=True)
         ]
 
     def numbers(self, values: Sequence[Value]) -> list[int]:
-        """What a transfer carries for the values. Raises TypedError for values that do not fit."""
+        """Return the elements of a transfer for the values. Raise TypedError for values that do not fit."""
         return [how.numbers([value])[0] for how, value in zip(self.each, values, strict=True)]
 
 
 def typed_at_each(grammar: AddressGrammar, addresses: Sequence[str], type_: str | None, order: str | None) -> TypedEach:
-    """As `typed_at`, for one number of each address. Raises TypedError, also for what is no list of addresses."""
+    """Return the encoding of one number at each address, as `typed_at` does. Raise TypedError, also for a non-list."""
     if isinstance(addresses, str) or not addresses:
         raise TypedError(f"several addresses are a list with one at least, not {addresses!r}")
     return TypedEach(tuple(typed_at(grammar, address, type_, order, 1) for address in addresses))
 
 
 def _hint(address: object) -> str:
-    """What to do with an address that is no text."""
+    """Return how to write an address that is not a text."""
     if isinstance(address, int):
         return f"write '{address}'"
     return f"{address!r} is none – several have read_many and write_many"

@@ -1,7 +1,7 @@
-"""What a few bytes of a frame tell before it is read: how long it is, what reads it, and whether it may be good.
+"""Judge the first bytes of a frame before it is decoded: its size, its decoder, and whether it may be good.
 
-A quick look at the check code at a frame's end and at bytes at fixed places passes over candidates that cannot be good;
-what it cannot look at, it leaves to the codec.
+A quick look checks the check code at the end of a frame and the bytes at fixed offsets, and rejects candidates that
+cannot be good. The codec judges frames that a quick look cannot handle.
 """
 
 from __future__ import annotations
@@ -21,49 +21,48 @@ from framekit.definition.model.segments import Bits, Check, Const, Data, Field, 
 from framekit.link.values import EVALUATION_ERRORS, Names, compile_expression
 
 UNKNOWN = 1 << 62
-"""More bytes than any frame has."""
+"""A size that is larger than any frame."""
 
 
 Fixed = tuple[int, frozenset[int]]
-"""A place in a frame, and the values that its byte can have."""
+"""An offset in a frame, and the values that its byte can have."""
 
 
 Intact = Callable[[bytes | bytearray], object]
-"""Whether these bytes may be good: false if they are surely no good frame, and none that is refused."""
+"""Return whether these bytes may be good; a false result excludes a good frame and a frame that must be refused."""
 
 
 class SizesByByte(NamedTuple):
-    """How long a frame is by the byte at `at`, which tells which frame stands inside.
-
-    `sizes`: by its value the size, 0 for no frame, minus the most where only silence ends it, or None where more has to
-    be looked at. `counted`: the place of a byte whose value is added to that; 0 for none. A sum above `most` says
-    nothing.
-    """
+    """The sizes of a frame by the byte at `at`, which selects the frame inside."""
 
     at: int
     sizes: Sequence[int | None]
+    """The size by the value of the byte: 0 for no frame, `-most` if only silence ends the frame, None if the byte does
+    not decide it."""
     counted: Sequence[int]
+    """The offset of a byte whose value is added to the size, by the value of the byte at `at`; 0 for none."""
     most: int
+    """The upper limit of the size; a larger sum has no meaning."""
 
 
 NO_SIZES = SizesByByte(0, [None] * 256, [0] * 256, UNKNOWN)
 
 
 Row = tuple[int, int, Callable[..., dict[str, Any]] | None]
-"""The size of a good frame (0: there is none), the place of a byte that is added to it (0: none), and what reads it
-together with the one inside, where there is something."""
+"""The size of a good frame (0: no good frame), the offset of a byte that is added to the size (0: none), and the
+decoder of the frame together with the frame inside, or None."""
 
 
 class Quick(NamedTuple):
-    """How a good frame of one kind is read by the byte at `at`; None where it has to be measured.
-
-    `enough`: so many bytes tell its size. Above `most` there is no good one.
-    """
+    """The decoding of good frames of one kind by the byte at `at`."""
 
     at: int
     enough: int
+    """The number of bytes that determine the size."""
     most: int
+    """The upper limit of the size of a good frame."""
     rows: Sequence[Row | None]
+    """The rows by the value of the byte; None if the codec must measure the frame."""
 
 
 NOT_QUICK = Quick(0, UNKNOWN, UNKNOWN, [None] * 256)
@@ -76,10 +75,12 @@ def quick_of(
     shapes: StaticSizes,
     fused: tuple[int, Sequence[Any]] | None,
 ) -> Quick:
-    """How good frames of a kind are read by one byte; `decode`: what reads one that holds no other; `fused`: by the
-    byte at that place, what reads it with the one inside.
+    """Return the decoding of good frames of a kind by one byte.
+
+    `decode`: the decoder of a frame without a frame inside. `fused`: an offset, and by the value of its byte the
+    decoders of the frame together with the frame inside.
     """
-    if any(check.ends for check in parts_of(frame.segments, Check)):  # what measures it looks at that
+    if any(check.ends for check in parts_of(frame.segments, Check)):  # measuring checks this code already
         return NOT_QUICK
     fixed = None if frame.delimited else shapes.all(shapes.segments(frame)).fixed
     if fixed and decode is not None and (frame.most is None or fixed <= frame.most):
@@ -94,7 +95,7 @@ def quick_of(
 
 
 def sizes_by_byte(frame: Frame, shapes: StaticSizes) -> SizesByByte:
-    """How long a frame is by the byte that tells which frame stands inside."""
+    """Return the sizes of a frame by the byte that selects the frame inside, or NO_SIZES."""
     place = next((place for place, one in enumerate(frame.segments) if isinstance(one, Inner)), 0)
     inner, around = frame.segments[place], (*frame.segments[:place], *frame.segments[place + 1 :])
     if not isinstance(inner, Inner) or inner.size is not None or inner.when is not None:
@@ -120,11 +121,11 @@ def sizes_by_byte(frame: Frame, shapes: StaticSizes) -> SizesByByte:
 
 
 Counted = tuple[int, int, int, Literal["big", "little"]]
-"""A frame is so long: a number of bytes and the number that stands between two places, in this byte order."""
+"""The size of a frame is a constant plus the number between two offsets, in this byte order."""
 
 
 def counted_of(frame: Frame, shapes: StaticSizes) -> Counted | None:
-    """Where a number stands that counts all of a frame that is not of a fixed size; None where there is none."""
+    """Return where a number counts all bytes of variable size of a frame; None if there is no such number."""
     if frame.size is not None or frame.delimited or frame.inside:
         return None
     place = 0
@@ -162,7 +163,7 @@ _ORDERS: dict[str, Literal["big", "little"]] = {"big": "big", "little": "little"
 
 
 def _is_any(segment: Segment, shapes: StaticSizes) -> bool:
-    """Whether it is always there, of one size, whatever its bytes are."""
+    """Return whether a segment is always present, has a fixed size and accepts any bytes."""
     if segment.when is not None or shapes.present(segment).fixed is None:
         return False
     if isinstance(segment, Field):
@@ -171,9 +172,9 @@ def _is_any(segment: Segment, shapes: StaticSizes) -> bool:
 
 
 def _size_inside(branch: Leaf | Switch, at: int, shapes: StaticSizes) -> tuple[int | None, int]:
-    """How long the only frame is that the byte at `at` leaves: `UNKNOWN` if only silence ends it; None: not told.
+    """Return the size of the only frame that the byte at `at` selects, and the offset of a byte to add, or 0.
 
-    And the place of a byte in it that counts more bytes, 0 if there is none.
+    The size is `UNKNOWN` if only silence ends the frame, None if the byte does not decide it.
     """
     if isinstance(branch, Switch) or len(branch.frames) > 1:
         return None, 0
@@ -200,7 +201,7 @@ def _size_inside(branch: Leaf | Switch, at: int, shapes: StaticSizes) -> tuple[i
 
 
 def _is_byte(segment: Length) -> bool:
-    """Whether it is one byte that may have any value, and stands for that number."""
+    """Return whether the segment is one byte that may have any value and represents this number."""
     type_ = segment.type
     return (
         segment.when is None and segment.limits is None and segment.zero_means is None
@@ -209,7 +210,7 @@ def _is_byte(segment: Length) -> bool:
 
 
 def _counted_at(segment: Segment, places: Mapping[str, int]) -> int | None:
-    """The place of the number that is the size of these bytes, if it is one of those."""
+    """Return the offset of the number that is the size of these bytes, if `places` contains it."""
     if not isinstance(segment, Data) or segment.when is not None or segment.convert is not None or segment.least:
         return None
     size = segment.size
@@ -217,11 +218,13 @@ def _counted_at(segment: Segment, places: Mapping[str, int]) -> int | None:
 
 
 def intact_of(frame: Frame) -> Intact | None:
-    """By the bytes that only some values are right for, and the check code of a frame that ends in one over all before
-    it, or is hex digits of that; None for a frame that has neither."""
+    """Return a quick look at the restricted bytes of a frame and at its check code; None for a frame with neither.
+
+    The check code must be at the end and cover all bytes before it, or be part of hex digits between constants.
+    """
     check = _check_of(frame) or _check_in_digits(frame)
     restricted = tuple(restricted_bytes(frame, fixed_bytes(frame.segments, True), True))
-    if not restricted or (check is None and frame.inside):  # others may stand between its bytes
+    if not restricted or (check is None and frame.inside):  # frames inside may move its bytes
         return check
 
     fits = _fitting(restricted).match
@@ -229,7 +232,7 @@ def intact_of(frame: Frame) -> Intact | None:
 
 
 def _fitting(restricted: Iterable[tuple[int, frozenset[int]]]) -> re.Pattern[bytes]:
-    """Matches bytes that are among those allowed at each place up to where they end; places are in order."""
+    """Compile a pattern of the allowed bytes at each offset, in ascending order; shorter data match it too."""
     pattern, end = b"", 0
     for place, allowed in restricted:
         one = b"[" + re.escape(bytes(sorted(allowed))) + b"]" if allowed else rb"[^\x00-\xff]"
@@ -240,14 +243,16 @@ def _fitting(restricted: Iterable[tuple[int, frozenset[int]]]) -> re.Pattern[byt
 
 
 def any_of(looks: Sequence[Intact]) -> Intact:
-    """Whether one of these quick looks says that bytes may be good."""
+    """Return whether one of these quick looks accepts the bytes."""
     different = tuple(dict.fromkeys(looks))
     return different[0] if len(different) == 1 else lambda raw: any(look(raw) for look in different)
 
 
 def restricted_bytes(frame: Frame, found: Iterable[Fixed], digits: bool = False) -> Iterable[Fixed]:
-    """Of the bytes `found` that only some values are right for: what measures a frame looks at the constants it begins
-    with, and its tail may move."""
+    """Return the restricted bytes of a frame among the bytes `found`.
+
+    The constants at the beginning are left out, because measuring compares them, and so is a tail that may move.
+    """
     begin = 0
     for segment in frame.segments:
         if not isinstance(segment, Const) or segment.when is not None:
@@ -259,8 +264,9 @@ def restricted_bytes(frame: Frame, found: Iterable[Fixed], digits: bool = False)
 
 
 def _check_of(frame: Frame) -> Intact | None:
-    """A look at the check code at the end, constants behind it left out; None where it is no number or digits, or is
-    not always to be right.
+    """Return a quick look at the check code at the end of a frame, before trailing constants.
+
+    None if the code is in another form, or if it does not always have to be right.
     """
     count = len(frame.segments)
     while count and isinstance(one := frame.segments[count - 1], Const) and one.when is None and one.refuse is None:
@@ -270,7 +276,7 @@ def _check_of(frame: Frame) -> Intact | None:
         return None
     if behind and last.when is not None:
         return None
-    if frame.size is not None and not frame.tail:  # what fills it up stands behind
+    if frame.size is not None and not frame.tail:  # padding follows the code
         return None
     if (
         not last.method.is_of_bytes
@@ -286,12 +292,12 @@ def _check_of(frame: Frame) -> Intact | None:
 
 @cache
 def _before(behind: int, intact: Intact) -> Intact:
-    """The same look at bytes without so many at the end; the same one for all frames that have it."""
+    """Return the same quick look without the last bytes; it is shared by all frames that have it."""
     return lambda raw: intact(raw[:-behind])
 
 
 def _check_in_digits(frame: Frame) -> Intact | None:
-    """For digits between constants that hold a check code over all before it; None for every other frame."""
+    """Return a quick look at digits between constants that include a check code over all bytes before it, else None."""
     place = next((place for place, one in enumerate(frame.segments) if isinstance(one, Wrap)), 0)
     wrap, around = frame.segments[place], (*frame.segments[:place], *frame.segments[place + 1 :])
     if not isinstance(wrap, Wrap) or not isinstance(wrap.coding, Hex) or wrap.size is not None:
@@ -326,7 +332,7 @@ def _code_of(check: Check) -> Intact:
 
 @cache
 def _look_at(code: Callable[..., int], residue: int | None, size: int, order: Literal["big", "little"]) -> Intact:
-    """A look at a check code of so many bytes at the end; the same one for all frames that have it."""
+    """Return a quick look at a check code of `size` bytes at the end; it is shared by all frames that have it."""
     if residue is not None:
         return lambda raw: code(raw) == residue
     room = (1 << 8 * size) - 1
@@ -343,7 +349,7 @@ def _digits_of(check: Check) -> Intact | None:
 
 @cache
 def _look_at_digits(code: Callable[..., int]) -> Intact:
-    """A look at a check code of two digits at the end; the same one for all frames that have it."""
+    """Return a quick look at a check code of two digits at the end; it is shared by all frames that have it."""
 
     def intact(raw: bytes | bytearray) -> bool:
         return raw[-2:].upper() == b"%02X" % (code(raw[:-2]) & 0xFF)
@@ -352,7 +358,7 @@ def _look_at_digits(code: Callable[..., int]) -> Intact:
 
 
 def _where_there(condition: Expression, segments: tuple[Segment, ...], intact: Intact) -> Intact | None:
-    """For a check code that is there under a condition on one character at a fixed place."""
+    """Return a quick look at a check code whose presence depends on one character at a fixed offset."""
     names = names_in(condition.root)
     name = next(iter(names)) if len(names) == 1 else None
     place = None if name is None else _character_at(name, segments)
@@ -379,7 +385,7 @@ def _where_there(condition: Expression, segments: tuple[Segment, ...], intact: I
 
 
 def _character_at(name: str, segments: tuple[Segment, ...]) -> int | None:
-    """The place of a field of one character, if it is always the same."""
+    """Return the offset of a field of one character, if it is always the same."""
     place, shapes = 0, StaticSizes({})
     for segment in segments:
         if segment.when is not None or any(parts_of(segment, Inner)):

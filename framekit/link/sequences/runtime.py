@@ -204,7 +204,7 @@ class Machine:
         self.go(run, level, None)
 
     def go(self, run: Run, level: Level, value: Any) -> bool:
-        """Send a value to a generator of a run, and do what follows. Return whether it applied."""
+        """Send a value to a generator of a run and handle its next wait or its end. Return whether it applied."""
         due = run.asked
         try:
             wait = level.generator.send(value)

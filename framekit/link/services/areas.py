@@ -1,8 +1,8 @@
-"""The areas a protocol speaks of, as places of a device's memory: mapped, with a base, or built from state.
+"""The areas of a protocol as places in the memory of a device: mapped, with a base, or built from state.
 
-Bit areas may lie on word memory and the reverse: offsets are bits over the whole area. Data are in memory's form. The
-words of a definition (area, memory, code or text, with unit, start and count) name places here and on the other side.
-Guide: areas, serving.
+Bit areas may be in word memory and the reverse: offsets are bits over the whole area. Data are in memory's form. The
+address keys of a definition (area, memory, code or text, with unit, start and count) name places here and on the other
+side. Guide: areas, serving.
 """
 
 from __future__ import annotations
@@ -21,25 +21,24 @@ from framekit.memory.memory import AccessError, DeviceMemory, MemoryRangeError, 
 from framekit.memory.memory import Area as MemoryArea
 
 OWN = "own"
-"""The unit that stands for the memory area's own."""
+"""The name for the memory area's own unit."""
 
 MOST_UNITS = 4096
-"""So many areas with their units are kept ready; a request may name units without end."""
+"""The limit of cached areas with their units: requests may name any number of units."""
 
 Written = Callable[["AreaUnit", int, int, bytes, bytes], None]
-"""Is told of elements that were written: area, first, how many, and what stood there before and after, in memory's
-form."""
+"""Receive a write: area, first element, number of elements, and their data before and after, in memory's form."""
 
 Kept = Callable[[str, Any, Any], None]
-"""Is told of a variable of the device that a request has changed: its name, and its value before and after."""
+"""Receive a change of a variable of the device by a request: its name, and its value before and after."""
 
 Codes = dict[Any, list[tuple[str, str]]]
-"""What stands for areas on the wire: code → areas with the unit it counts in."""
+"""The codes of areas on the wire, each with the areas that have it and the units they count in."""
 
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """`count` elements of `unit` from `start` on, of a protocol's area, or, with `area` None, of a memory area."""
+    """`count` elements of `unit` from `start` on, of an area of a protocol or, with `area` None, of a memory area."""
 
     area: str | None
     memory: str
@@ -48,19 +47,16 @@ class Span:
     count: int
 
     def language_attribute(self, name: str) -> Any:
-        """The same words behind a dot."""
+        """Return the key `name` of the span. Raise KeyError for another name."""
         if name not in self.__slots__:
             raise KeyError(name)
         return getattr(self, name)
 
 
 class AreaUnit:
-    """An area counted in one unit. Methods raise DeviceMemoryError for what is not there or may not be written.
+    """An area counted in a unit. Methods raise DeviceMemoryError for missing elements and forbidden writes.
 
-    `read` and `write` want places that `check` has passed. `most`: elements that can be read without a check, 0 where
-    that is not known before; these begin at bit `offset` of `there`. `build` gives the bytes of an area that is made of
-    state. `is_plain`: its bytes are those of the memory, in that order. `type`: what its elements usually hold.
-    `read_only`: no element may be written. `shift`: all elements are so many bits further on, as words at odd bytes.
+    `read` and `write` require elements that `check` has accepted.
     """
 
     __slots__ = (
@@ -74,8 +70,10 @@ class AreaUnit:
         shift: int = 0,
     ) -> None:  # fmt: skip
         self.read_only = read_only
+        """Whether all writes are forbidden."""
         self.name = None if model is None else model.name
         self.type = type_
+        """The usual type of the elements."""
         self.area = model
         self.memory = memory
         self.unit = unit
@@ -83,8 +81,10 @@ class AreaUnit:
         self._device = device
         self.there = there = device.area(memory) if memory in device else None
         self.shift = shift
+        """The distance in bits by which all elements are shifted, for example for words at odd bytes."""
         self.offset = offset = offset + shift
         self.build = build
+        """Return the bytes of an area that is built from state; None for an area in memory."""
         kept = "little" if there is None else there.order
         self._order = kept if model is None else model.order
         same = self._order == kept or (build is not None)
@@ -93,17 +93,20 @@ class AreaUnit:
             or (same and self.bits <= 8)
             or (kept == "little" and build is None and self.bits == 16)
         )
+        """Whether its bytes are those of the memory, in the same order."""
         self.most = 0
+        """The number of elements that can be read without a check, from bit `offset` of `there` on; 0 if a check is
+        necessary."""
         if build is None and there is not None and offset <= there.size_bits:
             whole = there.size_bits - offset
             self.most = (whole if model is None else min(whole, model.size * model.element_bits - shift)) // self.bits
 
     def span(self, start: int, count: int) -> Span:
-        """A place of it."""
+        """Return a span of this area."""
         return Span(self.name, self.memory, self.unit, start, count)
 
     def check(self, start: int, count: int, write: bool) -> None:
-        """Raises DeviceMemoryError when these elements cannot be read, or written."""
+        """Raise DeviceMemoryError if these elements cannot be read, or written."""
         area = self.area
         first, end = start * self.bits, (start + count) * self.bits
         if count < 1 or first < 0 or (area is not None and end + self.shift > area.size * area.element_bits):
@@ -118,11 +121,11 @@ class AreaUnit:
                 raise AccessError(f"area {there.name} can only be read")
 
     def present(self) -> MemoryArea:
-        """Where it is. Raises UnknownAreaError."""
+        """Return the memory area. Raise UnknownAreaError if the device does not have it."""
         return self.there or self._device.area(self.memory)
 
     def read(self, start: int, count: int, names: Names) -> bytes:
-        """The elements in memory's form. `names` are what an area built from state is built of."""
+        """Return the elements in memory's form. `names`: the state for an area that is built from state."""
         first, count = self.offset + start * self.bits, count * self.bits
         if not self.is_plain:
             return ordered(self._read(first, count, names), self._order, self.bits // 8)
@@ -134,7 +137,7 @@ class AreaUnit:
         return there.read_bits(first, count)
 
     def write(self, start: int, count: int, data: bytes) -> None:
-        """Puts elements in memory's form."""
+        """Write elements in memory's form."""
         first, count = self.offset + start * self.bits, count * self.bits
         there = self.present()
         if not self.is_plain:
@@ -146,7 +149,7 @@ class AreaUnit:
             there.write_bits(first, count, data)
 
     def _read(self, first: int, bits: int, names: Names) -> bytes:
-        """So many bits as the device has them, whose memory may keep the bytes of a word in another order."""
+        """Return bits in the byte order of the area; the memory may keep the bytes of a word in another order."""
         if self.build is not None:
             return cut_memory(self.build(names), first, bits)
         there = self.present()
@@ -155,12 +158,12 @@ class AreaUnit:
         return cut_memory(self._words(there, first, bits), first % 16, bits)
 
     def _words(self, there: MemoryArea, first: int, bits: int) -> bytes:
-        """The whole words that hold these bits, as the device has their bytes."""
+        """Return the whole words that contain these bits, in the byte order of the area."""
         start, end = first // 16 * 16, min(-(-(first + bits) // 16) * 16, there.size_bits)
         return self._turned(there, there.read_bits(start, end - start))
 
     def _turned(self, there: MemoryArea, words: bytes) -> bytes:
-        """Words between memory and device; half a word at the end of the memory stands where it is."""
+        """Swap words between the byte orders of memory and area; half a word at the end of the memory is copied."""
         whole = len(words) // 2 * 2
         return ordered(ordered(words[:whole], there.order, 2), self._order, 2) + words[whole:]
 
@@ -177,7 +180,7 @@ class AreaUnit:
 
 
 class ToldUnit(AreaUnit):
-    """The same area; every write is told, with what stood there before and what stands there then."""
+    """The same area; it reports every write with the data before and after."""
 
     __slots__ = ("_told",)
 
@@ -194,12 +197,11 @@ class ToldUnit(AreaUnit):
 
 
 class DeviceAreas:
-    """Access to a device's memory through the areas of a protocol.
+    """Access to the memory of a device through the areas of a protocol.
 
-    `mapping` puts a protocol's area somewhere else: area → memory area and the number, in the protocol area's units, of
-    its element 0 there. With `read_only` nothing may be written; `written` is told of every write, `kept` of every
-    variable of the device that requests change. Methods raise DeviceMemoryError for places that are not there or may
-    not be written.
+    `mapping` moves areas of the protocol: area → memory area, and the position of element 0 in it, in the units of the
+    area. With `read_only` all writes are forbidden. `written` receives every write, `kept` every variable of the device
+    that a request changes. Methods raise DeviceMemoryError for missing places and forbidden writes.
     """
 
     def __init__(
@@ -229,9 +231,9 @@ class DeviceAreas:
         }
 
     def unit(self, area: str, unit: str | None = None, shift: int = 0) -> AreaUnit:
-        """A protocol's area counted in a unit, its own where none is given, from so many bits on.
+        """Return an area of the protocol counted in a unit (default: its own), shifted by `shift` bits.
 
-        Raises UnknownAreaError.
+        Raise UnknownAreaError.
         """
         found = self._units.get((area, unit, shift))
         if found is None:
@@ -248,7 +250,7 @@ class DeviceAreas:
         return found
 
     def own_unit(self, memory: str, unit: str | None = None) -> AreaUnit:
-        """A memory area by its own name, counted in a unit. Raises UnknownAreaError."""
+        """Return a memory area by its own name, counted in a unit. Raise UnknownAreaError."""
         own = self.memory.area(memory).unit
         return self._made(None, memory, own if unit in (None, OWN) else str(unit))
 
@@ -263,7 +265,10 @@ class DeviceAreas:
         return made if self.written is None else ToldUnit(made, self.written)
 
     def _builder(self, area: Area) -> Callable[[Names], bytes]:
-        """The bytes of an area that is a layout: of the record that has this layout, or of its own formulas."""
+        """Return a function that builds the bytes of an area from its layout and the record with this layout.
+
+        Without such a record, the layout has no values but its own formulas.
+        """
         layout = area.layout
         assert layout is not None
         record, encode = self._records.get(layout), self.codec.layouts[layout][0]
@@ -278,37 +283,37 @@ class DeviceAreas:
     # ---- places -------------------------------------------------------------------------------------------
 
     def own_bytes(self, memory: str) -> int:
-        """Bytes of one element of a memory area; 0 of bits. Raises UnknownAreaError."""
+        """Return the bytes of an element of a memory area; 0 for bits. Raise UnknownAreaError."""
         return unit_bits(self.memory.area(memory).unit) // 8
 
     def at(self, span: Span) -> AreaUnit:
-        """The area of a place. Raises UnknownAreaError."""
+        """Return the area of a span. Raise UnknownAreaError."""
         return self.own_unit(span.memory, span.unit) if span.area is None else self.unit(span.area, span.unit)
 
     def check(self, span: Span, *, write: bool) -> None:
-        """Raises DeviceMemoryError when the span cannot be read, or written."""
+        """Raise DeviceMemoryError if the span cannot be read, or written."""
         self.at(span).check(span.start, span.count, write)
 
     # ---- access -------------------------------------------------------------------------------------------
 
     def read(self, span: Span, names: Names) -> bytes:
-        """The elements in memory's form. `names` are what an area built from state is built of."""
+        """Return the elements in memory's form. `names`: the state for an area that is built from state."""
         there = self.at(span)
         there.check(span.start, span.count, False)
         return there.read(span.start, span.count, names)
 
     def write(self, span: Span, data: bytes) -> None:
-        """Puts elements in memory's form."""
+        """Write elements in memory's form."""
         there = self.at(span)
         there.check(span.start, span.count, True)
         there.write(span.start, span.count, data)
 
 
-# ---- places by the words of a definition ----------------------------------------------------------------------
+# ---- places by the address keys of a definition ---------------------------------------------------------------
 
 
 def codes_of(protocol: Protocol) -> Codes:
-    """What stands for areas on the wire, with the areas and the unit each counts in."""
+    """Return the codes of areas on the wire, with the areas and the unit each of them counts in."""
     codes: Codes = {}
     for area in protocol.areas.values():
         for unit in dict.fromkeys((*area.codes, area.unit)):
@@ -319,7 +324,7 @@ def codes_of(protocol: Protocol) -> Codes:
 
 
 def span_of(areas: DeviceAreas, grammar: AddressGrammar, codes: Codes, given: Mapping[str, Any]) -> Span:
-    """The place of a device's memory that the words mean. Raises UnknownAreaError."""
+    """Return the span in the device's memory that the address keys name. Raise UnknownAreaError."""
     start, count, unit = int(given.get("start", 0)), int(given.get("count", 1)), given.get("unit")
     if "memory" in given:
         return areas.own_unit(str(given["memory"]), unit).span(start, count)
@@ -335,7 +340,7 @@ def span_of(areas: DeviceAreas, grammar: AddressGrammar, codes: Codes, given: Ma
 
 
 def address_of(grammar: AddressGrammar, codes: Codes, given: Mapping[str, Any]) -> Address:
-    """The place of the other side that the words mean. Raises UnknownAreaError and AddressError."""
+    """Return the address on the other side that the address keys name. Raise UnknownAreaError and AddressError."""
     start, unit = int(given.get("start", 0)), given.get("unit")
     if "text" in given:
         address = grammar.parse(str(given["text"]), unit, check=False)

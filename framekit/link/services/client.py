@@ -626,7 +626,7 @@ class Client:
         self._prove_by(islice(self._proofs(suspected), MOST_PROOFS), done)
 
     def _prove_by(self, reads: Iterator[TransferPlan], done: Callable[[str], None]) -> None:
-        """Carry out the next of these reads, and the others if it proves nothing."""
+        """Carry out the next of these reads, and the others while the state of the echo is unknown."""
         plan = next(reads, None)
         if plan is None:
             done(UNPROVED)
