@@ -223,7 +223,7 @@ class ExpectedFrames:
 
     @property
     def begins_with_mark(self) -> bool:
-        """Whether the first byte of a wanted frame has the ninth bit set."""
+        """Return whether the first byte of a wanted frame has the ninth bit set."""
         return any(info.frame.mark == "first" for info in (*self._wanted, *self._rest))
 
     def at(self, byte: int) -> Levels:

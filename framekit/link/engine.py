@@ -79,7 +79,7 @@ class Engine:
     The parts: `machine` executes the sequences, `lanes` starts exchanges and offers frames to the runs, `reception`
     looks for frames in arriving bytes.
 
-    Raises ParameterError for parameters that do not fit and KeyError for an unknown role. No other method raises:
+    Raise ParameterError for parameters that do not fit and KeyError for an unknown role. No other method raises:
     failures are reported by outcomes and to the monitor.
     """
 
@@ -171,7 +171,7 @@ class Engine:
 
     @property
     def own_echo(self) -> OwnEcho:
-        """The echo of the line, as far as it is known."""
+        """Return the echo of the line, as far as it is known."""
         return self.machine.own_echo
 
     def examine_replies(self, has_exact_times: bool) -> None:
@@ -307,7 +307,7 @@ class Engine:
     # ---- what is asked of it ------------------------------------------------------------------------------
 
     def start(self, exchange: Exchange, now: int) -> list[Command]:
-        """Queues an exchange; it begins when its lane has room. Its outcome comes by `ended`."""
+        """Queue an exchange; it begins when its lane has room. Its outcome comes by `ended`."""
         machine, scope, lanes = self.machine, self.scope, self.lanes
         if now > scope.now:
             scope.now = now
@@ -359,7 +359,7 @@ class Engine:
         fields: Mapping[str, Any] | None = None,
         on_sent: Callable[[], None] | None = None,
     ) -> list[Command]:
-        """Sends a frame by itself. Raises ValueError for values that it cannot carry, KeyError for an unknown frame."""
+        """Send a frame by itself. Raise ValueError for values that it cannot carry, KeyError for an unknown frame."""
         scope, table = self.scope, self.table
         scope.now = max(scope.now, now)
         value = None if isinstance(frame, str) else frame
@@ -389,11 +389,11 @@ class Engine:
 
     @property
     def has_session(self) -> bool:
-        """Whether its role has sessions: one may have to be closed."""
+        """Return whether its role has sessions: one may have to be closed."""
         return self.session.session is not None
 
     def close_session(self, now: int, on_done: Callable[[], None] = lambda: None) -> list[Command]:
-        """Closes an open session as soon as no exchange runs or waits; `on_done` is called once, when all is sent."""
+        """Close an open session as soon as no exchange runs or waits; `on_done` is called once, when all is sent."""
         self.scope.now = max(self.scope.now, now)
         self.lanes.on_shut = on_done
         self.lanes.keeps_times = True
@@ -401,7 +401,7 @@ class Engine:
 
     @property
     def held_until(self) -> int:
-        """Until when no request is sent because a reply is due (ns)."""
+        """Return until when no request is sent because a reply is due (ns)."""
         return self.late.until
 
     def status(self) -> dict[str, Any]:
@@ -649,7 +649,7 @@ class Engine:
         self.machine.time_up(run)
 
     def _keep_alive_at(self) -> int:
-        """When the session has to be kept alive; never while there is other traffic under way."""
+        """Return when the session has to be kept alive; never while there is other traffic under way."""
         session = self.session
         if session.keep_alive is None or self.output.outgoing is not None or not self.lanes.is_free:
             return NEVER

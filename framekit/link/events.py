@@ -125,7 +125,7 @@ class Seen:
 
     @property
     def fields(self) -> dict[str, Any]:
-        """The fields of a frame as codecs give them: a frame inside is `{frame: fields}`."""
+        """Return the fields of a frame as codecs give them: a frame inside is `{frame: fields}`."""
         computed, self._computed = self._computed, None
         found = self._fields if computed is None else computed()
         self._fields = made = {name: plain(value) for name, value in found.items()}
@@ -313,7 +313,7 @@ class Exchange:
 
     @property
     def raw(self) -> bytes:
-        """The bytes of the frame that was taken last."""
+        """Return the bytes of the frame that was taken last."""
         return b"" if self.taken is None else self.taken.raw or b""
 
     def may_repeat(self) -> bool:
@@ -334,7 +334,7 @@ class Exchange:
 
 
 def outcome_of(x: Exchange, results: dict[str, Any]) -> Outcome:
-    """How an exchange with these results has ended."""
+    """Return how an exchange with these results has ended."""
     reply, buffer = results.get("reply"), results.get("buffer", b"")
     return Outcome(
         True, "", "", reply if type(reply) is FrameValue else None, buffer if isinstance(buffer, bytes) else b"",

@@ -81,7 +81,7 @@ Announcements = tuple[tuple[str, Evaluate | None, Evaluate], ...]
 
 
 def announce(announces: Announcements, value: FrameValue, scope: Scope) -> None:
-    """Set the variables that a frame announces, in order. Raises EVALUATION_ERRORS."""
+    """Set the variables that a frame announces, in order. Raise EVALUATION_ERRORS."""
     names = Names({**value.complete(), WIRE: value.raw}, scope)
     for variable, key, evaluate in announces:
         if key is None:
@@ -190,7 +190,7 @@ class FrameInfo:
         return {name: names[given] for name, given in self.usual.items() if name not in value.fields}
 
     def unset(self, names: Names, fields: Mapping[str, Any], name: str) -> Any:
-        """Return the value of an optional field that was not given. Raises EVALUATION_ERRORS."""
+        """Return the value of an optional field that was not given. Raise EVALUATION_ERRORS."""
         evaluate = self.optional[name]
         for other in self.rests.get(name, ()):
             if other not in fields:
@@ -217,7 +217,7 @@ class FrameInfo:
         return inner.fields if type(inner) is FrameValue else {}
 
     def misread(self, raw: bytes, names: Mapping[str, Any]) -> FrameError:
-        """What `decode` raises for a frame that is not `intact`."""
+        """Return what `decode` raises for a frame that is not `intact`."""
         return Misread(self.name, self._diagnose, raw, names)
 
     def _collect(self, segments: tuple[Segment, ...], certain: bool = True) -> None:
@@ -257,7 +257,7 @@ def _plain_name(expression: Any) -> str | None:
 
 
 def first_byte(segments: tuple[Segment, ...]) -> int | None:
-    """The byte every frame of these segments begins with, when that is a constant."""
+    """Return the byte every frame of these segments begins with, when that is a constant."""
     first = segments[0] if segments else None
     if isinstance(first, Const) and first.when is None and first.data:
         return first.data[0]
@@ -265,7 +265,7 @@ def first_byte(segments: tuple[Segment, ...]) -> int | None:
 
 
 def shape_of(segments: tuple[Segment, ...]) -> Shape:
-    """Where inner frames stand in the fields of these segments."""
+    """Return where inner frames stand in the fields of these segments."""
     found: list[tuple[str, str, Any]] = []
     for segment in segments:
         if isinstance(segment, Inner):
@@ -302,7 +302,7 @@ class ProtocolCodec(Protocol):
 
 
 def made_once(protocol: model.Protocol, codec: ProtocolCodec, kind: type[Made], make: Callable[[], Made]) -> Made:
-    """What `make` makes of a protocol, made once for all who use this codec of it."""
+    """Return what `make` makes of a protocol, made once for all who use this codec of it."""
     kept: dict[Any, tuple[model.Protocol, Made]] = getattr(codec, "kept", {})
     found = kept.get(kind)
     if found is None or found[0] is not protocol:
@@ -311,7 +311,7 @@ def made_once(protocol: model.Protocol, codec: ProtocolCodec, kind: type[Made], 
 
 
 def table_of(protocol: model.Protocol, codec: ProtocolCodec) -> FrameTable:
-    """The table of all frames of a protocol, made once for a codec."""
+    """Return the table of all frames of a protocol, made once for a codec."""
     return made_once(protocol, codec, FrameTable, lambda: FrameTable(protocol, codec))
 
 
@@ -423,7 +423,7 @@ class FrameTable:
                     outer.refusal = made.refusal
 
     def made(self, name: str, fields: dict[str, Any], names: Names) -> FrameValue:
-        """A frame value from a constructor's fields: constants and `is` are known at once."""
+        """Return a frame value from a constructor's fields: constants and `is` are known at once."""
         info = self.infos[name]
         found = self.completed(info, fields, names)
         if info.optional.keys() <= found.keys():
@@ -432,7 +432,7 @@ class FrameTable:
 
     @staticmethod
     def completed(info: FrameInfo, fields: dict[str, Any], names: Names) -> dict[str, Any]:
-        """The fields of a constructor with constants and `is`."""
+        """Return the fields of a constructor with constants and `is`."""
         for field, numbers in info.numbers.items():
             given = fields.get(field)
             if type(given) is str:
@@ -448,7 +448,7 @@ class FrameTable:
         return fields
 
     def encode(self, value: FrameValue, names: Context) -> bytes:
-        """Encode a frame value; afterwards the value holds the bytes and every field as sent. Raises ValueError."""
+        """Encode a frame value; afterwards the value holds the bytes and every field as sent. Raise ValueError."""
         return self.build(self.infos[value.frame], value, names)
 
     def build(self, info: FrameInfo, value: FrameValue, names: Context) -> bytes:
@@ -605,7 +605,7 @@ class FrameTable:
 
 
 def echoed(plain_name: str | None, evaluate: Evaluate, request: FrameValue, names: Names | None = None) -> Any:
-    """Return the value that a reply repeats of a request. Raises KeyError if the request has no such field."""
+    """Return the value that a reply repeats of a request. Raise KeyError if the request has no such field."""
     if plain_name is not None:
         return request.field(plain_name)
     return evaluate(Names({**request.complete(), "request": request}, names))

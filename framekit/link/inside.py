@@ -31,7 +31,7 @@ class InsideRule:
     frames: tuple[FrameInfo, ...]
 
     def region(self, buffer: bytes | bytearray, position: int, end: int) -> int | None:
-        """Where the region begins; None when it is not there yet, or this is another frame."""
+        """Return where the region begins; None when it is not there yet, or this is another frame."""
         for segment in self.before:
             if isinstance(segment, Const):
                 size = len(segment.data)
@@ -62,7 +62,7 @@ class OwnByteRule:
     front: tuple[frozenset[int], ...]
 
     def fits(self, begun: bytes | bytearray) -> bool:
-        """Whether the outer frame may begin so."""
+        """Return whether the outer frame may begin so."""
         return all(byte in allowed for byte, allowed in zip(begun, self.front, strict=False))
 
 
@@ -123,7 +123,7 @@ class InsideFinder:
         return limit if place == DONE else min(limit, place - base)
 
     def find(self, stream: Stream, infos: tuple[FrameInfo, ...], limit: int) -> tuple[FrameInfo, int, int] | None:
-        """The first frame inside one of `infos`, which begin at the stream's position, and its place.
+        """Return the first frame inside one of `infos`, which begin at the stream's position, and its place.
 
         They have to come whole before `limit`, where a pause is too long.
         """
@@ -158,14 +158,14 @@ class InsideFinder:
         return self._at(stream, info.name, rule.frames[stream.buffer[found]], found, limit)
 
     def _goes_on(self, info: FrameInfo, stream: Stream, end: int) -> bool:
-        """Whether a frame has begun at the stream's position and wants more than there is before `end`."""
+        """Return whether a frame has begun at the stream's position and wants more than there is before `end`."""
         try:
             return self._quiet < info.measure(stream.buffer, stream.position, end, self._names, 0) < 0
         except CODEC_ERRORS:
             return False
 
     def _ends(self, info: FrameInfo, stream: Stream, end: int) -> bool:
-        """Whether a good frame that begins at the stream's position ends before `end`, or may by silence."""
+        """Return whether a good frame that begins at the stream's position ends before `end`, or may by silence."""
         buffer, position = stream.buffer, stream.position
         try:
             size = info.measure(buffer, position, end, self._names, 0)
@@ -243,7 +243,7 @@ def marks_of(rules: Iterable[InsideRule | OwnByteRule]) -> re.Pattern[bytes] | N
 
 
 def inside_rules(table: FrameTable) -> Rules:
-    """The outer frames that may hold others, by name. Frames whose region has no findable start are left out."""
+    """Return the outer frames that may hold others, by name. Frames whose region has no findable start are left out."""
     rules: Rules = {}
     for info in table.infos.values():
         if info.frame.inside:
@@ -262,7 +262,7 @@ def inside_rules(table: FrameTable) -> Rules:
 
 
 def own_byte_rule(outer: FrameInfo, frames: tuple[FrameInfo, ...]) -> OwnByteRule:
-    """The rule for frames that begin with bytes which the outer frame never holds."""
+    """Return the rule for frames that begin with bytes which the outer frame never holds."""
     front: list[frozenset[int]] = []
     for segment in outer.frame.segments:
         size = fixed_size(segment)

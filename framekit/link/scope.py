@@ -45,13 +45,13 @@ class LinkFunctions:
         self.make_random: Callable[[int], bytes] = token_bytes
 
     def random(self, size: int) -> bytes:
-        """So many bytes that cannot be foretold. Raises ValueError for too many."""
+        """So many bytes that cannot be foretold. Raise ValueError for too many."""
         if not 0 <= size <= MOST_RANDOM:
             raise ValueError(f"{size} random bytes are not possible")
         return self.make_random(size)
 
     def code(self, name: str, data: bytes) -> bytes:
-        """The bytes of the check code `name` over `data`, the highest first. Raises KeyError, ValueError, TypeError."""
+        """The bytes of the check code `name` over `data`, the highest first. Raise KeyError, ValueError, TypeError."""
         method = self._scope.protocol.checks.get(name) or ready_methods()[name]
         if method.kind == "code" and method.expression is not None:
             found = compile_expression(method.expression)(Names({"data": bytes(data)}, self._scope))
@@ -100,7 +100,7 @@ _MODES = {1: _TIME + _DATE, 2: _TIME, 3: _DATE, "both": _TIME + _DATE, "time": _
 
 
 def moment(at: datetime) -> dict[str, int]:
-    """A moment as the language sees it: second, minute, hour, day, month, year, weekday (1 = Sunday)."""
+    """Return a moment as the language sees it: second, minute, hour, day, month, year, weekday (1 = Sunday)."""
     return {
         "second": at.second,
         "minute": at.minute,
@@ -115,7 +115,7 @@ def moment(at: datetime) -> dict[str, int]:
 def with_date(clock: Mapping[str, int], frame: Any, mode: int | str) -> dict[str, int]:
     """`clock` with the parts that `mode` names (1 both, 2 time, 3 date) taken from the frame's fields.
 
-    Years below 100 are of 1970 to 2069. Raises ValueError for a date that does not exist.
+    Years below 100 are of 1970 to 2069. Raise ValueError for a date that does not exist.
     """
     parts = dict(clock)
     for name in _MODES[mode]:
@@ -142,7 +142,7 @@ class DeviceClock:
         return moment(self._start + timedelta(microseconds=(now - self._now) // 1000))
 
     def set(self, to: Mapping[str, int], now: int) -> None:
-        """Raises KeyError or ValueError when `to` is no moment."""
+        """Raise KeyError or ValueError when `to` is no moment."""
         self._start, self._now = _datetime(to), now
 
 
@@ -201,7 +201,7 @@ class Scope(Names):
         clock_start: datetime = DEFAULT_START,
         device: DeviceState | None = None,
     ) -> None:
-        """Raises ParameterError for unknown parameters and values that do not fit."""
+        """Raise ParameterError for unknown parameters and values that do not fit."""
         self.device = DeviceState() if device is None else device
         super().__init__(parent=self.device, formulas={})
         self.protocol = protocol
@@ -348,7 +348,7 @@ class Scope(Names):
         return any(name not in self._expressions or self.changes(self._expressions[name]) for name in formulas)
 
     def set(self, name: str, value: Any) -> None:
-        """Sets a variable or a parameter. Raises KeyError (no such name), TypeError or ValueError (does not fit)."""
+        """Set a variable or a parameter. Raise KeyError (no such name), TypeError or ValueError (does not fit)."""
         fit = self._fits.get(name)
         if fit is not None:
             most = self.protocol.state[name].most
@@ -366,7 +366,7 @@ class Scope(Names):
             self._put(name, fit_of(parameter.type)(value))
 
     def worked_out(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        """Values for parameters, checked and ready to use; other names as they are. Raises ParameterError."""
+        """Values for parameters, checked and ready to use; other names as they are. Raise ParameterError."""
         found = dict(given)
         for name in given.keys() & self.protocol.params.keys():
             taken = given_value(self.protocol.params[name], given[name])
@@ -376,7 +376,7 @@ class Scope(Names):
     def override(self, given: Mapping[str, Any]) -> Callable[[], None]:
         """Give parameters other values; the result restores the previous values, independently of other overrides.
 
-        Raises ParameterError, KeyError for unknown parameters, without any change.
+        Raise ParameterError, KeyError for unknown parameters, without any change.
         """
         for name in given.keys() - self.protocol.params.keys():
             raise KeyError(name)
@@ -412,7 +412,7 @@ class Scope(Names):
         self.settings += 1
 
     def set_entry(self, name: str, key: Any, value: Any) -> None:
-        """Sets an entry of a table, an item of a list or a field of a record variable."""
+        """Set an entry of a table, an item of a list or a field of a record variable."""
         holder = self[name]
         if isinstance(holder, StateTable):
             holder.put(key, value)
@@ -423,7 +423,7 @@ class Scope(Names):
             self._put(name, changed)
 
     def drop_entry(self, name: str, key: Any) -> None:
-        """Takes an entry out of a table. Raises KeyError if it has none."""
+        """Take an entry out of a table. Raise KeyError if it has none."""
         holder = self[name]
         del holder[key]
         self._put(name, holder)

@@ -59,7 +59,7 @@ class SlowStations:
 
     @property
     def present(self) -> tuple[SlowStation, ...]:
-        """The slow stations."""
+        """Return the slow stations."""
         return tuple(self._slow.values())
 
     def answered_late(self, station: Any, time: int, limit: str) -> None:

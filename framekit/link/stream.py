@@ -70,7 +70,7 @@ class Stream:
 
     @property
     def offset(self) -> int:
-        """The stream offset of the position, frames taken out of the middle of others included."""
+        """Return the stream offset of the position, frames taken out of the middle of others included."""
         return self.offset_of(self.position)
 
     def offset_of(self, index: int) -> int:
@@ -145,7 +145,7 @@ class Stream:
         self.is_marked = True
 
     def tidy(self) -> None:
-        """Forgets the used part of the buffer."""
+        """Forget the used part of the buffer."""
         self.buffer = buffer = self.buffer[self.position :]
         self.base = base = self.base + self.position
         self.position, ends = 0, self.ends
@@ -162,12 +162,12 @@ class Stream:
             self.is_marked = bool(self.faults or self.silences or self.pauses or self.taken_out or self.marks)
 
     def time_of(self, index: int) -> int:
-        """When the byte at `buffer[index]` came."""
+        """Return when the byte at `buffer[index]` came."""
         place = self.base + index
         return self.times[0 if place < self.ends[0] else bisect_right(self.ends, place)]
 
     def times_of(self, start: int, end: int) -> tuple[int, int]:
-        """When the first and the last byte of `buffer[start:end]` came; there has to be one."""
+        """Return when the first and the last byte of `buffer[start:end]` came; there has to be one."""
         ends, times = self.ends, self.times
         if len(ends) == 1 or ends[-2] <= self.base + start:
             return times[-1], times[-1]
@@ -179,7 +179,7 @@ class Stream:
         return times[first], times[bisect_right(ends, self.base + end - 1)]
 
     def fault_in(self, start: int, end: int) -> LineFault | None:
-        """The first fault of a character in `buffer[start:end]`."""
+        """Return the first fault of a character in `buffer[start:end]`."""
         low, high = self.base + start, self.base + end
         for place, fault in self.faults:
             if low <= place < high:
@@ -192,7 +192,7 @@ class Stream:
         return places[found] - self.base if found < len(places) else None
 
     def remove(self, start: int, end: int) -> None:
-        """Takes `buffer[start:end]` out of the middle; later bytes move up."""
+        """Take `buffer[start:end]` out of the middle; later bytes move up."""
         low, count = self.base + start, end - start
         self.buffer = self.buffer[:start] + self.buffer[end:]
         self.taken_out.append((low + 1, count))
@@ -210,7 +210,7 @@ class Stream:
         self.pauses = [max(place - count, low) if place > low else place for place in self.pauses]
 
     def clear(self) -> None:
-        """Forgets every byte."""
+        """Forget every byte."""
         self.position = len(self.buffer)
         self.tidy()
 
@@ -269,7 +269,7 @@ class Pauses:
             return None
 
     def note(self, last: int, count: int) -> None:
-        """Marks a pause before the `count` bytes that came last; those before them came at `last`."""
+        """Mark a pause before the `count` bytes that came last; those before them came at `last`."""
         stream = self._stream
         pause = stream.last - last - self.line.chars(count)
         if pause <= 0:
@@ -328,7 +328,7 @@ class NoiseRun:
         return len(self.data) >= LONGEST
 
     def collect(self, stream: Stream, start: int, end: int, skipped: bool) -> None:
-        """Takes `buffer[start:end]` of the stream; the stream's position is not moved."""
+        """Take `buffer[start:end]` of the stream; the stream's position is not moved."""
         started, self._last = stream.times_of(start, end)
         if not self.data:
             self.skipped, self._started = skipped, started
@@ -336,14 +336,14 @@ class NoiseRun:
         self.data += stream.buffer[start:end]
 
     def take(self) -> Noise:
-        """The run as it stands; it begins anew."""
+        """Return the run as it stands; it begins anew."""
         noise = new_tuple(Noise, (bytes(self.data), self._offset, self._started, self._last, self.skipped))
         self.data.clear()
         return noise
 
 
 def scope_of(names: Names) -> Scope | None:
-    """The protocol-level names that `names` end in."""
+    """Return the protocol-level names that `names` end in."""
     found: Names | None = names
     while found is not None and not isinstance(found, Scope):
         found = found.parent
@@ -358,7 +358,7 @@ def _maybe(expression: Expression | None) -> Evaluate | None:
 
 
 def marked_in(info: FrameInfo, size: int) -> int | None:
-    """Which byte of a frame of `size` bytes is marked; None for none."""
+    """Return which byte of a frame of `size` bytes is marked; None for none."""
     mark = info.frame.mark
     if mark == "first":
         return 0
@@ -374,13 +374,13 @@ class Marks:
         self._stream = stream
 
     def next(self, index: int) -> int | None:
-        """The buffer index of the first marked byte from `index` on."""
+        """Return the buffer index of the first marked byte from `index` on."""
         marks = self._stream.marks
         found = bisect_left(marks, self._stream.base + index)
         return marks[found] - self._stream.base if found < len(marks) else None
 
     def end_for(self, info: FrameInfo, limit: int) -> int:
-        """How far a frame that begins at the present place can reach, up to `limit` (buffer index)."""
+        """Return how far a frame that begins at the present place can reach, up to `limit` (buffer index)."""
         found = self._end(info)
         return limit if found is None else min(limit, found + (info.frame.mark == "last"))
 
@@ -390,12 +390,12 @@ class Marks:
         return info.frame.mark != "last" or self.next(last) == last
 
     def stops(self, info: FrameInfo, limit: int) -> bool:
-        """Whether a mark ends a frame that begins at the present place before `limit` (buffer index)."""
+        """Return whether a mark ends a frame that begins at the present place before `limit` (buffer index)."""
         found = self._end(info)
         return found is not None and found < limit
 
     def _end(self, info: FrameInfo) -> int | None:
-        """The mark that ends it."""
+        """Return the mark that ends it."""
         return self.next(self._stream.position + (info.frame.mark != "last"))
 
     def wrong_in(self, info: FrameInfo, start: int, end: int) -> int | None:

@@ -18,7 +18,7 @@ from framekit.definition.expression import Expression, Name, Node, Undone, inver
 NO_FIELDS: frozenset[str] = frozenset()
 
 Unset = Callable[[Mapping[str, Any], str], Any]
-"""Returns the value of a field that was not given, from the other fields and its name. Raises EVALUATION_ERRORS."""
+"""Returns the value of a field that was not given, from the other fields and its name. Raise EVALUATION_ERRORS."""
 
 
 Sent = tuple[Any, bytes, Any, str | None, Mapping[str, Any]]
@@ -78,11 +78,11 @@ class FrameValue:
 
     @property
     def was_built(self) -> bool:
-        """Whether the frame has become bytes, on its own or inside another frame."""
+        """Return whether the frame has become bytes, on its own or inside another frame."""
         return self.raw is not None or self.rest is not None
 
     def field(self, name: str) -> Any:
-        """Return a field. Raises KeyError."""
+        """Return a field. Raise KeyError."""
         if name in self.fields:
             return self.fields[name]
         rest = self.rest
@@ -100,7 +100,7 @@ class FrameValue:
         return attribute(self, name)
 
     def copy(self) -> FrameValue:
-        """The same frame with fields of its own, to be changed and sent."""
+        """Return the same frame with fields of its own, to be changed and sent."""
         value = FrameValue(self.frame, self.fields.copy(), self.raw, self.refusal, self.declared, self.unset)
         value.built = self.built
         return value
@@ -113,7 +113,7 @@ class FrameValue:
 
 
 def attribute(value: Any, name: str) -> Any:
-    """Return `value.name` of the language. A list has its items' attributes. Raises KeyError for an unknown attribute.
+    """Return `value.name` of the language. A list has its items' attributes. Raise KeyError for an unknown attribute.
 
     An absent optional field of a received frame is None, of a made frame its default. None has no attributes: None.
     """
@@ -158,7 +158,7 @@ HOLDERS = frozenset((FrameValue, dict, list))
 
 
 def frames_in(value: Any) -> Iterator[str]:
-    """The names of a frame and of those in it."""
+    """Yield the names of a frame and of those in it."""
     if type(value) is FrameValue:
         yield value.frame
         value = value.fields
@@ -198,7 +198,7 @@ class Names(dict[str, Any]):
 
     @property
     def remembered(self) -> dict[Any, Any] | None:
-        """The results of measuring a frame that is still coming; None outside of a receiver."""
+        """Return the results of measuring a frame that is still coming; None outside of a receiver."""
         return None if self.parent is None else self.parent.remembered
 
     def get(self, name: str, default: Any = None) -> Any:
@@ -209,7 +209,7 @@ class Names(dict[str, Any]):
 
 
 def compile_expression(expression: Expression) -> Evaluate:
-    """A function of a `Names`. Evaluating raises KeyError (unknown name), TypeError, IndexError, ValueError or
+    """Return a function of a `Names`. Evaluating raises KeyError (unknown name), TypeError, IndexError, ValueError or
     ArithmeticError; `EVALUATION_ERRORS` names them for callers that must go on."""
     return compiled(expression.root, attribute)
 
@@ -242,7 +242,7 @@ class Inverse:
     undone: tuple[Undone, ...] = ()
 
     def solve(self, result: int, names: Names) -> int:
-        """The value of the name. Raises NotReadableError, and EVALUATION_ERRORS for a column that is not there."""
+        """The value of the name. Raise NotReadableError, and EVALUATION_ERRORS for a column that is not there."""
         for undo, other in self.steps:
             result = undo(result, other(names))
         return result
@@ -261,7 +261,7 @@ class Inverse:
 
 
 def inverse_of(expression: Expression) -> Inverse | None:
-    """How to read an expression backwards; None if it cannot be, or has no name to read."""
+    """Return how to read an expression backwards; None if it cannot be, or has no name to read."""
     found = inverse_steps(expression)
     if found is None:
         return None
@@ -271,7 +271,7 @@ def inverse_of(expression: Expression) -> Inverse | None:
 
 
 def bare_name(expression: Expression) -> str | None:
-    """The word, if that is all there is."""
+    """Return the word, if that is all there is."""
     node: Node = expression.root
     return node.name if isinstance(node, Name) else None
 
@@ -285,7 +285,7 @@ def _undo(operator: str, unknown_left: bool) -> Undo:
 
 
 def quotient(result: int, other: int) -> int:
-    """What gives `result` when it is multiplied. Raises NotReadableError."""
+    """Return what gives `result` when it is multiplied. Raise NotReadableError."""
     if other == 0 or result % other:
         raise NotReadableError(f"{result} is no multiple of {other}")
     return result // other
@@ -301,13 +301,13 @@ EACH = "(each)"
 
 
 def read_as(codec: LayoutFunctions, found: Any, names: Names) -> Any:
-    """Bytes as the record of a layout, a record as its bytes."""
+    """Return bytes as the record of a layout, a record as its bytes."""
     encode, decode = codec
     return encode(plain(dict(found)), names) if isinstance(found, Mapping) else read_layout(decode, found, names)
 
 
 def read_layout(decode: Callable[..., dict[str, Any]], data: bytes, names: Names) -> dict[str, Any]:
-    """Decode bytes as a layout; surplus bytes at the end are padding without meaning. Raises ValueError."""
+    """Decode bytes as a layout; surplus bytes at the end are padding without meaning. Raise ValueError."""
     try:
         return decode(data, names)
     except ValueError as error:

@@ -22,7 +22,7 @@ from framekit.definition.problems import NOWHERE, plural
 from framekit.definition.times import NEVER, format_time, parse_time
 
 Fit = Callable[[Any], Any]
-"""Makes a value fit its variable: numbers wrap at their width. Raises TypeError for a value of another kind."""
+"""Makes a value fit its variable: numbers wrap at their width. Raise TypeError for a value of another kind."""
 
 _FLOATS = {"f32": "<f", "f64": "<d"}
 _INTEGER = re.compile(r"([ui])(8|16|24|32|40|48|56|64)")
@@ -45,7 +45,7 @@ def _signed(bits: int) -> Fit:
 
 
 def _whole(value: Any) -> int:
-    """Return a whole number. Raises TypeError for a text or a missing value, ValueError for a fraction."""
+    """Return a whole number. Raise TypeError for a text or a missing value, ValueError for a fraction."""
     if not isinstance(value, (int, float, Decimal)):
         return _refuse(value, "a number")
     try:
@@ -58,7 +58,7 @@ def _whole(value: Any) -> int:
 
 
 def _float(type_: str) -> Fit:
-    """Return the fit to the nearest number with this many bits. Raises ValueError for a number that is too large."""
+    """Return the fit to the nearest number with this many bits. Raise ValueError for a number that is too large."""
     form = _FLOATS[type_]
 
     def fit(value: Any) -> Any:
@@ -187,7 +187,7 @@ class StateTable(dict[Any, Any]):
             return default
 
     def put(self, key: Any, value: Any) -> None:
-        """Sets an entry. Raises ValueError for a key outside the table's range."""
+        """Set an entry. Raise ValueError for a key outside the table's range."""
         if not self._in_range(key):
             raise ValueError(f"{key!r} is not a key of a table {self.limits[0]}..{self.limits[1]}")
         dict.__setitem__(self, key, self.fit(value))
@@ -211,7 +211,7 @@ def _filled(value: Any, columns: Mapping[str, Any]) -> Any:
 
 
 def same_number(found: Any, wanted: Any) -> bool:
-    """Whether two values are the same; a float of 32 or 64 bits is the number that it is nearest to."""
+    """Return whether two values are the same; a float of 32 or 64 bits is the number that it is nearest to."""
     if isinstance(found, float) and isinstance(wanted, Decimal):
         return any(found == fit_of(type_)(wanted) for type_ in ("f32", "f64"))
     return bool(found == wanted)
@@ -229,7 +229,7 @@ class ParameterError(ValueError):
 
 
 def given_value(parameter: Parameter, value: Any) -> Any:
-    """The checked value; an Expression for a time written with `chars` or `bits`. Raises ParameterError.
+    """Return the checked value; an Expression for a time written with `chars` or `bits`. Raise ParameterError.
 
     Times are nanoseconds or text with a unit, flags 0 or 1, bytes are bytes or hex pairs.
     """
@@ -248,7 +248,7 @@ def given_value(parameter: Parameter, value: Any) -> Any:
 
 
 def given_item(parameter: Parameter, item: Any) -> Any:
-    """The checked value of one item of a list. Raises ParameterError."""
+    """Return the checked value of one item of a list. Raise ParameterError."""
     try:
         taken = _take_item(item) if parameter.items is None else _TAKE[parameter.items](item)
     except ValueError as error:
@@ -267,7 +267,7 @@ def _numbered(parameter: Parameter, item: Any, place: int) -> Any:
 
 
 def check_value(parameter: Parameter, value: Any) -> None:
-    """Raises ParameterError for a value out of range, of a wrong size, or not among the choices; items of lists too."""
+    """Raise ParameterError for a value out of range, of a wrong size, or not among the choices; items of lists too."""
     if isinstance(value, list):
         for item in value:
             check_value(parameter, item)
@@ -363,7 +363,7 @@ _TAKE: dict[str, Callable[[Any], Any]] = {
 
 
 def depending(formulas: Mapping[str, Expression], names: Collection[str]) -> set[str]:
-    """The formulas in which these names stand, or others that depend on them."""
+    """Return the formulas in which these names stand, or others that depend on them."""
     found: set[str] = set()
     while fresh := {
         name

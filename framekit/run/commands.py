@@ -73,7 +73,7 @@ class CommandFrame:
 
 
 class CommandWords:
-    """Read and make the command blocks of one application. Raises ValueError if it has no command blocks."""
+    """Read and make the command blocks of one application. Raise ValueError if it has no command blocks."""
 
     def __init__(self, application: Protocol, codec: ProtocolCodec, table: FrameTable, names: Names) -> None:
         self.application = application
@@ -91,7 +91,7 @@ class CommandWords:
     def read(self, data: bytes) -> CommandFrame:
         """Return the command that begins at the first of these bytes; bytes after it are ignored.
 
-        Raises CommandFaultError.
+        Raise CommandFaultError.
         """
         receiver = Receiver(self._codec, self.application, self._names, self._table)
         receiver.append(data, 0)
@@ -133,7 +133,7 @@ class CommandWords:
     def make(self, request: str, fields: Mapping[str, Any], head: Mapping[str, Any]) -> bytes:
         """Return the bytes of a command with these plain values; missing values get their defaults.
 
-        Raises ValueError (EncodeError) that names the unfit value.
+        Raise ValueError (EncodeError) that names the unfit value.
         """
         known = PlainValues(self.application).from_plain(
             self.rules.frame, {**head, self.rules.request: {request: dict(fields)}}
@@ -141,7 +141,7 @@ class CommandWords:
         return self._table.encode(FrameValue(self.rules.frame, known), self._names)
 
     def read_request(self, data: bytes) -> tuple[str, dict[str, Any]]:
-        """Return the name and the fields of the request that exactly these bytes are. Raises CommandFaultError."""
+        """Return the name and the fields of the request that exactly these bytes are. Raise CommandFaultError."""
         for name in self.requests:
             try:
                 return name, self._table.infos[name].decode(data, self._names)
@@ -151,7 +151,7 @@ class CommandWords:
 
     @property
     def requests(self) -> tuple[str, ...]:
-        """The frame names of all commands; frames that are always refused come last."""
+        """Return the frame names of all commands; frames that are always refused come last."""
         frame = self.application.frames[self.rules.frame]
         return tuple(
             name for inner in parts_of(frame, Inner) if inner.name == self.rules.request for name in inner.frames
@@ -167,7 +167,7 @@ class CommandWords:
 
 
 def rules_of(application: Protocol) -> CommandRules:
-    """Return the section `commands` of an application. Raises ValueError if it has no command blocks."""
+    """Return the section `commands` of an application. Raise ValueError if it has no command blocks."""
     if application.commands is None:
         raise ValueError(f"'{application.name}' has no command blocks")
     return application.commands
@@ -179,7 +179,7 @@ def words_of(data: bytes) -> list[int]:
 
 
 def bytes_of(words: list[int]) -> bytes:
-    """Return words of 16 bits, signed or unsigned, in memory's form. Raises ValueError for a number out of range."""
+    """Return words of 16 bits, signed or unsigned, in memory's form. Raise ValueError for a number out of range."""
     for word in words:
         if not -0x8000 <= word <= 0xFFFF:
             raise ValueError(f"{word} is no word of 16 bits: 0 to 65535")
@@ -491,7 +491,7 @@ Ended = Callable[[CommandEnd], None]
 
 
 class CommandBlocks:
-    """Execute command blocks of `application` on one channel. Raises ValueError if it has no command blocks.
+    """Execute command blocks of `application` on one channel. Raise ValueError if it has no command blocks.
 
     `channel`: the names of the line; default: those of the application alone. `mapping` puts areas of the application
     elsewhere in the own memory (see `DeviceAreas`). Without `client` and `engine` blocks can only be read and planned.
@@ -530,11 +530,11 @@ class CommandBlocks:
 
     @property
     def areas(self) -> DeviceAreas:
-        """The own memory, accessed by the areas of the application."""
+        """Return the own memory, accessed by the areas of the application."""
         return self.server.areas
 
     def own_span(self, given: Mapping[str, Any]) -> Span:
-        """Return a place of the own memory from its words. Raises UnknownAreaError."""
+        """Return a place of the own memory from its words. Raise UnknownAreaError."""
         return span_of(self.areas, self.server.shared.grammar, self.server.codes, given)
 
     def _take(self, block: CompiledBlock, names: Names) -> int | None:
@@ -622,7 +622,7 @@ class CommandBlocks:
         return Operation(self, self.engine, self.client, block, names, done, params_of).begin(station, now)
 
     def status_place(self, command: CommandFrame) -> Span:
-        """Return the place of the status word. Raises DeviceMemoryError if the place cannot be written."""
+        """Return the place of the status word. Raise DeviceMemoryError if the place cannot be written."""
         given = self.status_words(command)
         return self.checked_span({**given, "count": 16 // unit_bits(self.own_span(given).unit)})
 
@@ -631,7 +631,7 @@ class CommandBlocks:
         return self._status.on(Names({"request": command.request}, self.names_of(command)))
 
     def checked_span(self, given: Mapping[str, Any]) -> Span:
-        """Return a place that can be written. Raises DeviceMemoryError."""
+        """Return a place that can be written. Raise DeviceMemoryError."""
         span = self.own_span(given)
         self.areas.check(span, write=True)
         return span

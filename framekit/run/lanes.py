@@ -130,7 +130,7 @@ class BlockLane:
                 heapq.heappush(self.waiting, entry)
 
     def clear(self, which: Callable[[BlockState], bool] = lambda state: True) -> None:
-        """Forgets blocks that wait."""
+        """Forget blocks that wait."""
         for entries in (self.waiting, *(failing.parked for failing in self.failing.values())):
             kept = [entry for entry in entries if not which(entry[3])]
             for *_, state in entries:
@@ -140,7 +140,7 @@ class BlockLane:
 
     @property
     def deadline(self) -> int:
-        """When `take` may have something; NEVER without a waiting block, or while a block runs."""
+        """Return when `take` may have something; NEVER without a waiting block, or while a block runs."""
         if self.running or not self.open or self.held:
             return NEVER
         if self.waiting:
@@ -210,7 +210,7 @@ class BlockLane:
         return None
 
     def _silent_for(self, station: Hashable, now: int) -> bool:
-        """Whether the line has been silent long enough for a station; else the channel is free when it has."""
+        """Return whether the line has been silent long enough for a station; else the channel is free when it has."""
         if self._last is None or station == self._last[0]:
             return True
         ready = self._last[1] + self.rules.silence.station

@@ -496,7 +496,7 @@ def in_both(some: Sequence[Network], others: Sequence[Network]) -> tuple[Network
 class ConnectionLimits:
     """Limits that keep clients from locking each other out, and unwanted clients from connecting.
 
-    Raises ValueError for limits that admit no client.
+    Raise ValueError for limits that admit no client.
     """
 
     idle: int = 600_000_000_000

@@ -274,7 +274,7 @@ class BlockReads(BlockStarts):
         assert transfers.client is not None
         self._client, self._engine = transfers.client, transfers.engine
         self.write: Callable[[bytes], None] = self._write_first
-        """Store the data of a read. Raises DeviceMemoryError."""
+        """Store the data of a read. Raise DeviceMemoryError."""
         self.spare: BlockRead | None = None
         """A finished read that can be begun again."""
         self._asked: ReadKey = block.targets[0], block.unit, block.count, block.station

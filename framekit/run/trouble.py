@@ -192,7 +192,7 @@ class TroubleSource:
 
     @property
     def trouble(self) -> Trouble:
-        """The present state."""
+        """Return the present state."""
         count = self._count()
         return Trouble(
             name=self.name, reason=self.reason, since=self._since, waiting=count.waiting, lost=count.lost,

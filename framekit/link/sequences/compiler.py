@@ -54,7 +54,7 @@ class Program:
         self._replies: dict[str | None, Replies] = {}
 
     def replies_of(self, role: str | None) -> Replies:
-        """What exchanges of a role wait for."""
+        """Return what exchanges of a role wait for."""
         found = self._replies.get(role)
         if found is None:
             found = self._replies[role] = replies_of(self.protocol, None if role is None else self.protocol.roles[role])
@@ -62,7 +62,7 @@ class Program:
 
 
 def program_of(protocol: Protocol, codec: ProtocolCodec) -> Program:
-    """The program of a protocol, made once for a codec."""
+    """Return the program of a protocol, made once for a codec."""
     return made_once(protocol, codec, Program, lambda: Program(protocol, codec))
 
 
@@ -121,7 +121,7 @@ def load_sequences(
 
 
 def _of_exchanges(protocol: Protocol) -> set[str]:
-    """The sequences that exchanges, or what opens and closes their sessions, may run."""
+    """Return the sequences that exchanges, or what opens and closes their sessions, may run."""
     waiting = list(protocol.exchanged)
     for session in protocol.sessions.values():
         waiting += [*session.open, *session.close, *([session.keep_alive_run] if session.keep_alive_run else ())]

@@ -94,18 +94,18 @@ class Queues:
         self._sizes = {name: queue.size for name, queue in protocol.queues.items()}
 
     def put(self, name: str, item: Any) -> None:
-        """Raises QueueFull, KeyError."""
+        """Raise QueueFull, KeyError."""
         items = self.items[name]
         if len(items) >= self._sizes[name]:
             raise QueueFull(f"the queue '{name}' is full")
         items.append(item)
 
     def take(self, name: str) -> Any:
-        """The oldest item. Raises IndexError when there is none."""
+        """Return the oldest item. Raise IndexError when there is none."""
         return self.items[name].popleft()
 
     def have_some(self, wanted: tuple[tuple[str | None, str | None], ...]) -> bool:
-        """Whether one of these has an item, or room."""
+        """Return whether one of these has an item, or room."""
         for queue, room in wanted:
             if (queue is not None and self.items[queue]) or (room is not None and not self.full(room)):
                 return True
@@ -556,7 +556,7 @@ class Machine:
 
     @property
     def is_watched(self) -> bool:
-        """Whether faults are shown."""
+        """Return whether faults are shown."""
         return self.on_fault is not None or self.monitor is not None
 
     def show(self, kind: Any, direction: Any = "", raw: bytes = b"", frame: str = "", **more: Any) -> None:
@@ -640,7 +640,7 @@ class Machine:
 
 
 def _plain_of(value: FrameValue) -> dict[str, Any]:
-    """All fields of a frame as codecs give them."""
+    """Return all fields of a frame as codecs give them."""
     return {name: plain(one) for name, one in value.complete().items()}
 
 
@@ -658,13 +658,13 @@ class EngineFunctions(LinkFunctions):
         return int(self._machine.queues.full(queue))
 
     def memory(self, address: str, size: int) -> bytes:
-        """Bytes of the device's memory. Raises ValueError."""
+        """Return bytes of the device's memory. Raise ValueError."""
         if self._machine.memory is None:
             raise ValueError("there is no memory to read")
         return self._machine.memory.read(address, size)
 
     def value(self, address: str, type_: str) -> float:
-        """Return the number at an address of the device's memory, low word first. Raises ValueError."""
+        """Return the number at an address of the device's memory, low word first. Raise ValueError."""
         return NUMBER_VIEWS[type_].read(self.memory(address, NUMBER_BITS[type_] // 8))[0]
 
     def with_date(self, clock: Mapping[str, int], frame: Any, mode: int | str) -> dict[str, int]:
@@ -683,7 +683,7 @@ class Asked:
 
 
 def failure_of(run: Run, x: Exchange, failed: Failed) -> Outcome:
-    """The outcome of a failure, with the results as far as there are any: a refusing reply, say."""
+    """Return the outcome of a failure, with the results as far as there are any: a refusing reply, say."""
     found = outcome_of(x, failed.results)
     found.ok, found.outcome, found.cause = False, failed.outcome, run.cause
     found.damaged = 0 if run.unusable is None else run.unusable.bad
@@ -694,7 +694,7 @@ def failure_of(run: Run, x: Exchange, failed: Failed) -> Outcome:
 
 
 def count(run: Run) -> None:
-    """A step is begun that may be one of a circle. Raises CircleError."""
+    """A step is begun that may be one of a circle. Raise CircleError."""
     lane, machine = run.lane, run.machine
     if lane.steps_since != machine.scope.now:
         lane.steps_since, lane.steps_done = machine.scope.now, 0
@@ -707,7 +707,7 @@ def count(run: Run) -> None:
 
 
 def listens_again(m: Machine, run: Run, x: Exchange) -> bool:
-    """Return whether a listener that has ended begins anew: no exchange waits for its lane. Raises CircleError."""
+    """Return whether a listener that has ended begins anew: no exchange waits for its lane. Raise CircleError."""
     lane, now = run.lane, m.scope.now
     if lane.waiting or not m.output.is_open or run.top is not run.base:
         return False
@@ -733,7 +733,7 @@ def trouble(run: Run, x: Exchange, step: str, error: Exception) -> str:
 
 
 def _owes_reply(run: Run, x: Exchange) -> bool:
-    """Whether the request it took last has been carried out and its reply was not built yet."""
+    """Return whether the request it took last has been carried out and its reply was not built yet."""
     if run.owed is None or run.state is DONE:
         return False
     reply, taken = run.owed
@@ -787,7 +787,7 @@ def own_line(m: Machine) -> ChangeLine | None:
 def decoded(m: Machine, run: Run, names: Names, frames: tuple[str, ...], data: Any) -> FrameValue | Bad:
     """Decode bytes as the first of these frames that fits; otherwise return, count and show the fault.
 
-    Raises TypeError if `data` is no bytes.
+    Raise TypeError if `data` is no bytes.
     """
     table = m.table
     if not isinstance(data, (bytes, bytearray)):
@@ -838,7 +838,7 @@ def serve(m: Machine, run: Run, x: Exchange, request: Any, buffer: bytes, statio
 
 
 def put(m: Machine, queue: str, item: dict[str, Any], names: Names) -> None:
-    """Puts an item into a queue; a frame in it gets its computed fields now."""
+    """Put an item into a queue; a frame in it gets its computed fields now."""
     for value in item.values():
         if type(value) is FrameValue and value.raw is None:
             m.table.encode(value, names)
@@ -848,7 +848,7 @@ def put(m: Machine, queue: str, item: dict[str, Any], names: Names) -> None:
 
 
 def set_field(m: Machine, holder: Any, field: str, value: Any) -> None:
-    """Sets a field of a frame or a record."""
+    """Set a field of a frame or a record."""
     if type(holder) is FrameValue:
         numbers = m.table.infos[holder.frame].numbers.get(field)
         holder.set_field(field, numbers.get(value, value) if numbers and isinstance(value, str) else value)
@@ -857,12 +857,12 @@ def set_field(m: Machine, holder: Any, field: str, value: Any) -> None:
 
 
 def needs_names(m: Machine, value: Any) -> bool:
-    """Whether a frame is built on names of the exchange."""
+    """Return whether a frame is built on names of the exchange."""
     return type(value) is not FrameValue or value.frame in m.need_names
 
 
 def send_value(m: Machine, run: Run, x: Exchange, value: Any, names: Names) -> tuple[bytes, FrameValue]:
-    """Sends a frame value. Raises ValueError for values that the frame cannot carry."""
+    """Send a frame value. Raise ValueError for values that the frame cannot carry."""
     if type(value) is not FrameValue:
         raise TypeError(f"{value!r} is no frame and cannot be sent")
     return send_made(m, run, x, value, names)
@@ -880,7 +880,7 @@ def named(x: Exchange, own: dict[str, Any], n: Names) -> Names:
 
 
 def send_made(m: Machine, run: Run, x: Exchange, value: FrameValue, names: Names) -> tuple[bytes, FrameValue]:
-    """Sends a frame that has been made; its fields are worked out on `names`."""
+    """Send a frame that has been made; its fields are worked out on `names`."""
     if not x.checks_echo:
         m.table.fill_echo(value, x.answering, x.taken)
     return send_built(m, run, x, m.table.infos[value.frame], value, names)

@@ -116,7 +116,7 @@ class Parked:
         self.name, self.always, self.events = name, always, frozenset(events)
 
     def names(self, expected: tuple[str, ...]) -> tuple[str, ...]:
-        """The frames of its rows, for an exchange that expects these."""
+        """Return the frames of its rows, for an exchange that expects these."""
         return names_of(self.always, expected)
 
 
@@ -187,7 +187,7 @@ class Wait:
         self.plans: dict[Any, Plan] = {}
 
     def names(self, expected: tuple[str, ...]) -> dict[str, None]:
-        """The frames of its rows in order, for an exchange that expects these."""
+        """Return the frames of its rows in order, for an exchange that expects these."""
         return self.plan(expected).frames
 
     def plan(self, expected: tuple[str, ...]) -> Plan:
@@ -199,7 +199,7 @@ class Wait:
         return found
 
     def plan_in(self, level: Level) -> Plan:
-        """The same with the rows of those that have called it."""
+        """Return the same with the rows of those that have called it."""
         names: list[Any] = [level.x.expected]
         one = level.caller
         while one is not None:
@@ -215,7 +215,7 @@ class Wait:
 
 
 def names_of(names: tuple[str, ...], expected: tuple[str, ...]) -> tuple[str, ...]:
-    """The names in order; "" stands for those expected."""
+    """Return the names in order; "" stands for those expected."""
     return tuple(one for name in names for one in (expected if name == "" else (name,)))
 
 
@@ -266,7 +266,7 @@ class LaneState:
         self._at_once = compile_optional(lane.at_once)
 
     def at_once(self, scope: Scope) -> int:
-        """How many exchanges may run side by side."""
+        """Return how many exchanges may run side by side."""
         if self._at_once is None:
             return 1
         try:
@@ -337,14 +337,14 @@ class Run:
 
     @property
     def gives_way(self) -> bool:
-        """Whether it is a listener in its first step."""
+        """Return whether it is a listener in its first step."""
         return (
             self.kind == "listen" and self.state is State.RECEIVING
             and self.top.caller is None and self.top.wait.index == 0
         )  # fmt: skip
 
     def calls(self) -> Iterator[Level]:
-        """The levels, innermost first."""
+        """Yield the levels, innermost first."""
         level: Level | None = self.top
         while level is not None:
             yield level
@@ -453,11 +453,11 @@ class SessionState:
 
     @property
     def reconnects(self) -> bool:
-        """Whether a connection is of no use any more without its session."""
+        """Return whether a connection is of no use any more without its session."""
         return self.session is not None and self.session.reconnect
 
     def keep_alive_at(self, quiet_since: int) -> int:
-        """When the line will have been quiet so long that the session has to be kept alive."""
+        """Return when the line will have been quiet so long that the session has to be kept alive."""
         if self.keep_alive is None or not self.is_open or self.busy:
             return NEVER
         return min(quiet_since + int(self.keep_alive(self.scope)), NEVER)

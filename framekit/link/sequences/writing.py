@@ -85,7 +85,7 @@ class Frames:
         self.delivers = protocol.delivers
 
     def reads(self, frame: str) -> set[str]:
-        """The names that building a frame may read, those of frames inside it included."""
+        """Return the names that building a frame may read, those of frames inside it included."""
         found: set[str] = set()
         for name in self._parts(frame, set()):
             mine: set[str] = set()
@@ -96,7 +96,7 @@ class Frames:
         return found
 
     def echoes(self, frame: str) -> bool:
-        """Whether building a frame, or one inside it, repeats something of a request."""
+        """Return whether building a frame, or one inside it, repeats something of a request."""
         return any(self.infos[name].echo for name in self._parts(frame, set()))
 
     def _parts(self, frame: str, known: set[str]) -> set[str]:
@@ -109,7 +109,7 @@ class Frames:
 
 
 def _always_there(segments: tuple[Segment, ...]) -> Iterator[str]:
-    """The fields that every received frame of these segments has."""
+    """Yield the fields that every received frame of these segments has."""
     for segment in segments:
         if segment.when is not None:
             continue
@@ -263,11 +263,11 @@ class StepWriter:
         self.add(f"pc = {number}")
 
     def called(self, what: str) -> str:
-        """The name of a constant of this step."""
+        """Return the name of a constant of this step."""
         return f"q{self.number}_{self.index}_{what}"
 
     def local(self, name: str) -> str:
-        """A local of the generator: `m` the machine, `s` its names, `x` the exchange, `n` the parameters."""
+        """Return a local of the generator: `m` the machine, `s` its names, `x` the exchange, `n` the parameters."""
         return "x" if name == "d" else name
 
     def add(self, text: str) -> None:
@@ -286,12 +286,12 @@ class StepWriter:
     # ---- names and values ---------------------------------------------------------------------------------
 
     def slot(self, name: str) -> str:
-        """A variable of the sequence."""
+        """Return a variable of the sequence."""
         assert re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name), name
         return f"v_{name}"
 
     def holder(self, variable: str) -> str:
-        """Where a state variable is kept."""
+        """Return where a state variable is kept."""
         return "device" if self.protocol.state[variable].scope == "device" else "s"
 
     def value_names(self, row: tuple[str, ...] | None) -> ValueNames:
@@ -304,7 +304,7 @@ class StepWriter:
 
     @property
     def names(self) -> str:
-        """The source of names for the variables and the names of the exchange."""
+        """Return the source of names for the variables and the names of the exchange."""
         return f"named(x, {{{', '.join(f'{quoted(name)}: {self.slot(name)}' for name in self.own)}}}, n)"
 
     def value(self, value: Value, row: tuple[str, ...] | None = None) -> str:
@@ -357,7 +357,7 @@ class StepWriter:
     # ---- send ---------------------------------------------------------------------------------------------
 
     def send(self, value: Value, row: tuple[str, ...] | None = None, repeats: bool = False) -> None:
-        """Sends a frame; `repeats`: it is what `resend` sends again."""
+        """Send a frame; `repeats`: it is what `resend` sends again."""
         kept = "sent = " if repeats and self.repeats else ""
         if not isinstance(value, FrameOf):
             self.add(f"value = {self.value(value, row)}")
@@ -726,7 +726,7 @@ PARKS = {"pause": "Pause", "hold": "Hold", "call": "Call", "ask": "Asking", "lin
 
 
 def own_variables(sequence: Sequence, protocol: Protocol) -> dict[str, str]:
-    """The variables of a sequence and their types; those that only `set` names included."""
+    """Return the variables of a sequence and their types; those that only `set` names included."""
     found = {**dict.fromkeys(sequence.takes, ""), **sequence.local}
     for target in parts_of(sequence, Target):
         name = target.name
@@ -737,7 +737,7 @@ def own_variables(sequence: Sequence, protocol: Protocol) -> dict[str, str]:
 
 
 def received_variables(sequence: Sequence) -> dict[str, tuple[str, ...]]:
-    """The variables that only rows set, to the frame they have taken: with the frames that this may be."""
+    """Return the variables that only rows set, to the frame they have taken: with the frames that this may be."""
     found: dict[str, dict[str, None]] = {}
     others = {*sequence.takes}
     rows = [row for step in sequence.steps for row in step.receive or ()] + list(sequence.always)
@@ -762,7 +762,7 @@ def received_variables(sequence: Sequence) -> dict[str, tuple[str, ...]]:
 
 
 def actions_of(sequence: Sequence, step: Step) -> list[Action]:
-    """Every action that may be taken in a step."""
+    """Return every action that may be taken in a step."""
     first: list[Action] = [*(step.receive or ()), *(step.branch or ()), *sequence.always]
     first += [action for handlers in (step.handlers, sequence.handlers) for one in handlers.values() for action in one]
     found: list[Action] = []
@@ -775,7 +775,7 @@ def actions_of(sequence: Sequence, step: Step) -> list[Action]:
 
 
 def is_plain_row(row: Row) -> bool:
-    """Whether a row waits for frames."""
+    """Return whether a row waits for frames."""
     return row.queue is None and row.room is None
 
 
@@ -978,7 +978,7 @@ def add_step_key(
     """Add a key that steps may have, with an effect before the effect of another key.
 
     `form`: the form of its value. `write`: writes its source into the generator, as the functions above do; the source
-    may call `functions`. Raises ValueError for a key, or a function's name, that another module has.
+    may call `functions`. Raise ValueError for a key, or a function's name, that another module has.
     """
     key, module = key_of(name, form, doc), write.__module__
     if before not in {one.attribute for one in STEP_KEYS} - {name}:

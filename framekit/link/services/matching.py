@@ -105,7 +105,7 @@ class MatchedRow:
 
 
 Match = Callable[[FrameValue, bytes, Any, Names], "MatchedRow | None"]
-"""Reads a request by a row; None: the row does not fit. Raises ElsewhereError and DamagedBufferError."""
+"""Reads a request by a row; None: the row does not fit. Raise ElsewhereError and DamagedBufferError."""
 Serve = Callable[[FrameValue, bytes, Any, Names], "Served | None"]
 """Serves a request; None: the row does not fit."""
 GoOn = Callable[[FrameValue, MatchedRow], Served]
@@ -136,7 +136,7 @@ class Matching:
     ) -> MatchedRow | None:
         """Return the meaning of a request; None: the row does not fit. Without the buffer: its bytes have not come yet.
 
-        Raises MismatchError too if the row does not fit, ElsewhereError and DamagedBufferError.
+        Raise MismatchError too if the row does not fit, ElsewhereError and DamagedBufferError.
         """
         function = self._read.get(with_buffer)
         if function is None:
@@ -160,7 +160,7 @@ class Matching:
     # ---- what the functions call --------------------------------------------------------------------------
 
     def address_named(self, text: str) -> Address:
-        """The place that an address says."""
+        """Return the place that an address says."""
         try:
             address = self.facts.shared.grammar.parse(text, check=False)
         except AddressError as error:
@@ -172,7 +172,7 @@ class Matching:
         return address
 
     def area_named(self, area: Any) -> Any:
-        """The area that `back` says."""
+        """Return the area that `back` says."""
         if area not in self.areas.areas:
             raise UnknownAreaError(f"there is no area '{area}'")
         return self.facts.shared.grammar.views[area]
@@ -258,7 +258,7 @@ class RowWriter:
     # ---- the function -------------------------------------------------------------------------------------
 
     def function(self) -> Any:
-        """The function itself."""
+        """Return the function itself."""
         row, out = self.row, self.out
         assert row.request is not None
         self._match(row.request, "request", self.level)
@@ -460,7 +460,7 @@ class RowWriter:
         return place
 
     def _word(self, name: str, level: WriterLevel) -> str:
-        """A value of `back`; a bare word that is a unit or an area stands for itself."""
+        """Return a value of `back`; a bare word that is a unit or an area stands for itself."""
         value = self.back[name]
         word = bare_name(value)
         if word is not None and (name == "unit" or (name in ("area", "memory") and word in self.areas.areas)):
@@ -517,7 +517,7 @@ class RowWriter:
         return self.let(level, "area", f"{named}[0]"), f"{named}[1]", None
 
     def _unit_of_row(self, area: str, unit: str, code: Any) -> str:
-        """The unit that the code means in this row: one of the row's own, where the code can stand for it."""
+        """Return the unit that the code means in this row: one of the row's own, where the code can stand for it."""
         units = self.row.units
         if not units or unit in units:
             return unit
@@ -535,7 +535,7 @@ class RowWriter:
                 level.put(inverse.name, value)
 
     def _complete(self, level: WriterLevel, place: str) -> None:
-        """Writes start, count, sizes and data of a place."""
+        """Write start, count, sizes and data of a place."""
         values, fixed = level.values, self.writer.given(place)
         otherwise = str(only_start(self.shared.protocol.addresses, self.row.areas) or 0)
         self.let(level, "start", f"int({values['start']})" if "start" in values else otherwise)
@@ -601,7 +601,7 @@ class RowWriter:
     # ---- work and reply -----------------------------------------------------------------------------------
 
     def _serve(self, place: str | None) -> None:
-        """Writes condition, refusals, the transfer and the reply."""
+        """Write condition, refusals, the transfer and the reply."""
         level, out, row = self.level, self.out, self.row
         if self.matching.when is not None:
             holds = self.worked_out(self.values.value(self.matching.when, level.names))
@@ -684,7 +684,7 @@ class RowWriter:
 
 
 def part_of(actual: Any, name: str) -> Any:
-    """A field of a request."""
+    """Return a field of a request."""
     try:
         return present(actual, name)
     except (KeyError, AttributeError):
@@ -698,7 +698,7 @@ def names_in_cases(segments: Segments) -> frozenset[str]:
 
 
 def item_of(before: dict[str, Any] | None, part: Any) -> dict[str, Any]:
-    """The fields of an item, of all lists that have one for each."""
+    """Return the fields of an item, of all lists that have one for each."""
     return {**(before or {}), **(part if isinstance(part, dict) else {})}
 
 
@@ -711,14 +711,14 @@ def layout_read(decode: Callable[..., dict[str, Any]], data: Any, names: Names, 
 
 
 def numbers_there(numbers: Any, count: int, unit: str, type_: str | None) -> bytes:
-    """Numbers of a request in memory's form. Raises PackingError."""
+    """Numbers of a request in memory's form. Raise PackingError."""
     if not isinstance(numbers, list) or len(numbers) != count:
         raise PackingError(f"{count} values are wanted, not {len(numbers) if isinstance(numbers, list) else numbers!r}")
     return memory_of_numbers(numbers, unit, type_)
 
 
 def the_only(numbers: list[Any]) -> Any:
-    """The number of one element. Raises PackingError for more of them."""
+    """Return the number of one element. Raise PackingError for more of them."""
     if len(numbers) != 1:
         raise PackingError(f"value is one element, and {len(numbers)} are asked for")
     return numbers[0]

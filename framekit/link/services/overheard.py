@@ -72,11 +72,11 @@ class Overheard:
 
     @property
     def hears_nothing(self) -> bool:
-        """Whether no frame of the protocol asks for places of memory."""
+        """Return whether no frame of the protocol asks for places of memory."""
         return not self._rows
 
     def hear(self, frame: FrameValue) -> list[KnownValue]:
-        """The values that are known by a frame."""
+        """Return the values that are known by a frame."""
         for value in frames_inside(frame):
             asked = self._request(frame, value)
             if asked is not None:
@@ -94,7 +94,7 @@ class Overheard:
         return []
 
     def _station(self, frame: FrameValue) -> Any:
-        """The station that a frame names, None if it names none."""
+        """Return the station that a frame names, None if it names none."""
         return next((found for one in self._stations if (found := one(frame)) is not None), None)
 
     def _reader(self, facts: RowFacts) -> ReplyReader:
@@ -130,7 +130,7 @@ class Overheard:
         return None
 
     def _told(self, asked: _OpenRequest, reader: ReplyReader, reply: FrameValue) -> Iterator[KnownValue]:
-        """Yield the values of a reply: values that were read, or that it confirms as written. Raises ValueError."""
+        """Yield the values of a reply: values that were read, or that it confirms as written. Raise ValueError."""
         if self._errors.refusal(reply, Names({"request": None, "reply": reply}, self._names)) is not None:
             return
         if asked.facts.row.service == "write":
@@ -164,7 +164,7 @@ class Overheard:
 
 
 def frames_inside(frame: FrameValue) -> Iterator[FrameValue]:
-    """A frame, and those in it."""
+    """Yield a frame, and those in it."""
     yield frame
     for part in frame.fields.values():
         if type(part) is FrameValue:

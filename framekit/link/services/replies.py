@@ -31,7 +31,7 @@ Found = list[tuple[Any, bool]]
 
 
 Find = Callable[[FrameValue | None, bytes, Names], Found]
-"""Finds data in a reply and the bytes that came with it. Raises UnfitReplyError and EVALUATION_ERRORS."""
+"""Finds data in a reply and the bytes that came with it. Raise UnfitReplyError and EVALUATION_ERRORS."""
 
 
 ReadPieces = Callable[[FrameValue | None, bytes, FrameValue | None], list[bytes]]
@@ -73,7 +73,7 @@ class ErrorReader:
             self.unanswered = None if errors.unanswered is None else compile_expression(errors.unanswered)
 
     def refusal(self, reply: FrameValue, names: Names) -> ReplyRefusal | None:
-        """Return the refusal if the reply is an error frame. Raises EVALUATION_ERRORS."""
+        """Return the refusal if the reply is an error frame. Raise EVALUATION_ERRORS."""
         if reply.frame not in self.frames:
             return None
         fields = Names(reply.complete(), names)
@@ -85,7 +85,7 @@ class ErrorReader:
         return ReplyRefusal(code, self.meaning(code, known), "no_reply" if unanswered else "refused")
 
     def meaning(self, code: int, names: Names) -> str:
-        """The name of a code, '' if the protocol has none for it, with its detail. Raises EVALUATION_ERRORS."""
+        """Return the name of a code, '' if the protocol has none for it, with its detail. Raise EVALUATION_ERRORS."""
         found = (table[code] for when, table in self.names if code in table and (when is None or when(names)))
         meaning, detail = str(next(found, "")), "" if self.detail is None else str(self.detail(names))
         return f"{meaning} ({detail})" if meaning and detail else meaning or detail
@@ -145,7 +145,7 @@ class ReplyReader:
         return place
 
     def blocks(self, reply: FrameValue | None, buffer: bytes, names: Names) -> list[bytes]:
-        """Return the data as the reply has them, for a service without places. Raises UnfitReplyError."""
+        """Return the data as the reply has them, for a service without places. Raise UnfitReplyError."""
         problem: UnfitReplyError | None = None
         for find in self._fitting(None if reply is None else reply.frame):
             try:
@@ -186,7 +186,7 @@ class FindWriter:
         self._variables = 0
 
     def function(self) -> Find:
-        """The function itself."""
+        """Return the function itself."""
         self.out.add("found = {}" if self.of_some else "found = []")
         if self.row.frame is not None:
             inside = Source(self.out.depth + 1)
@@ -263,7 +263,7 @@ class FindWriter:
 
 
 def _of_numbers(numbers: list[Any], piece: Piece) -> bytes:
-    """Numbers of a reply in memory's form. Raises UnfitReplyError and PackingError."""
+    """Numbers of a reply in memory's form. Raise UnfitReplyError and PackingError."""
     if len(numbers) != piece.count:
         raise UnfitReplyError(f"the reply has {len(numbers)} values, not {piece.count}")
     return memory_of_numbers(numbers, piece.address.unit, piece.address.type)

@@ -47,7 +47,7 @@ class WriterLevel:
 
     @property
     def held(self) -> str:
-        """Every variable so far, as the items of a tuple."""
+        """Return every variable so far, as the items of a tuple."""
         found = [*self.values.values(), *(variable for _, variable in self.pending)]
         found += [self.item] * (self.item != "None")
         return "".join(f"{variable}, " for variable in dict.fromkeys(found))
@@ -65,7 +65,7 @@ class WriterLevel:
 
     @property
     def names(self) -> ValueNames:
-        """The names for values that are written at this level."""
+        """Return the names for values that are written at this level."""
         return ValueNames(Written(self), self.known)
 
 

@@ -72,7 +72,7 @@ class ServiceRows:
 
 
 def rows_of(protocol: Protocol, codec: ProtocolCodec) -> ServiceRows:
-    """The rows of a protocol, made once for a codec: clients and servers, however many there are, share them."""
+    """Return the rows of a protocol, made once for a codec: clients and servers, however many there are, share them."""
     return made_once(protocol, codec, ServiceRows, lambda: ServiceRows(protocol, codec))
 
 
@@ -119,7 +119,7 @@ class RowFacts:
         return found
 
     def fits(self, area: Area, unit: str) -> bool:
-        """Whether the row can carry elements of `unit` of `area`, its condition aside."""
+        """Return whether the row can carry elements of `unit` of `area`, its condition aside."""
         row = self.row
         if row.areas and area.name not in row.areas:
             return False
@@ -134,7 +134,7 @@ class RowFacts:
     def names(self, address: Address, count: int) -> dict[str, Any]:
         """The names this row has of `count` elements at an address, those about data and parts of transfers aside.
 
-        Raises AddressError if the row sends the address as text and no form shows it.
+        Raise AddressError if the row sends the address as text and no form shows it.
         """
         grammar = self.shared.grammar
         packer = self.packers[address.unit]
@@ -164,12 +164,12 @@ def rules(refusals: Sequence[Refusal]) -> list[Rule]:
 
 
 def wants_address(row: ServiceRow) -> bool:
-    """Whether the requests of a row name places of the other side."""
+    """Return whether the requests of a row name places of the other side."""
     return bool((mentions_of(row) & {"text", "start"}) - {argument.name for argument in row.takes})
 
 
 def padded_names(segments: tuple[Segment, ...]) -> frozenset[str]:
-    """The data among these segments that are filled up with padding."""
+    """Return the data among these segments that are filled up with padding."""
     return frozenset(one.name for one in everything(segments) if isinstance(one, Data) and one.pad is not None)
 
 
@@ -220,7 +220,7 @@ class Planner:
         self.grammar = shared.grammar
 
     def plan(self, service: str, piece: Piece, names: Names, *, listed: bool = False) -> Plan:
-        """The exchanges for one range of elements. Raises ServiceError when no row carries it.
+        """Return the exchanges for one range of elements. Raise ServiceError when no row carries it.
 
         A range whose unit no row takes is carried in a unit of the area; a write only if it begins and ends with that.
         """
@@ -243,7 +243,7 @@ class Planner:
         raise ServiceError(f"no request can {service} {where}{piece.address} – {hint}")
 
     def serves(self, address: Address, names: Names) -> bool:
-        """Whether a request can read or write one element at a place."""
+        """Return whether a request can read or write one element at a place."""
         data = bytes(-(-address.unit_bits // 8))
         for service, piece in (("read", Piece(address, 1)), ("write", Piece(address, 1, data))):
             with suppress(ServiceError):
@@ -252,7 +252,7 @@ class Planner:
         return False
 
     def _carried(self, piece: Piece) -> Iterator[tuple[Piece, int]]:
-        """The range in its own unit, then in the area's, with the bits that stand before it in these."""
+        """Yield the range in its own unit, then in the area's, with the bits that stand before it in these."""
         yield piece, 0
         area = self.shared.protocol.areas[piece.address.area]
         first, end = piece.address.first_bit, piece.address.first_bit + piece.bits
@@ -328,7 +328,7 @@ class Planner:
             start += count
 
     def _most(self, facts: RowFacts, address: Address, offered: Names) -> int:
-        """The most elements of one piece."""
+        """Return the most elements of one piece."""
         most = (
             1
             if facts.single
@@ -402,7 +402,7 @@ class Planner:
     # ---- names --------------------------------------------------------------------------------------------
 
     def offered(self, plan: Plan, piece: Piece) -> dict[str, Any]:
-        """The names that a row offers for one piece of a plan. Raises AddressError."""
+        """Return the names that a row offers for one piece of a plan. Raise AddressError."""
         return self._offered(plan.facts, piece, plan.first, plan.total)
 
     def _offered(self, facts: RowFacts, piece: Piece, first: int, total: int) -> dict[str, Any]:
@@ -431,7 +431,7 @@ TYPES = ("time", "number", "decimal", "flag", "choice", "text", "bytes", "list")
 
 
 def arguments_of(facts: RowFacts, given: Mapping[str, Any], names: Names) -> dict[str, Any]:
-    """The values of all arguments of a row, by name. Raises ServiceError for all that are unknown, missing or unfit."""
+    """The values of all arguments of a row, by name. Raise ServiceError for all that are unknown, missing or unfit."""
     row = facts.row
     values: dict[str, Any] = {}
     problems: list[str] = []
@@ -481,5 +481,5 @@ def _value(service: str, argument: Argument, given: Any) -> Any:
 
 
 def checked(argument: Argument, value: Any) -> Any:
-    """The value as the argument takes it. Raises ParameterError."""
+    """Return the value as the argument takes it. Raise ParameterError."""
     return given_value(argument, value) if argument.type in TYPES else value

@@ -269,7 +269,7 @@ class MemoryServer:
     def asked(self, request: FrameValue, names: Names) -> tuple[CompiledBlock | None, Names]:
         """Return the block that a request asks for, and the names of the request, without serving it.
 
-        Raises RefusedMatchError for a request that no row is for, and EVALUATION_ERRORS.
+        Raise RefusedMatchError for a request that no row is for, and EVALUATION_ERRORS.
         """
         rows = self._rows.get(request.frame, ())
         return self._first([(row.asked, row.service) for row in rows], request, b"", None, names)
@@ -303,7 +303,7 @@ class MemoryServer:
     ) -> Found:  # fmt: skip
         """Return the result of the first row that fits; `functions` are pairs of a row's function and service.
 
-        Raises RefusedMatchError with the best reason if no row fits.
+        Raise RefusedMatchError with the best reason if no row fits.
         """
         reason, damaged = "no_service", None
         for function, service in functions:

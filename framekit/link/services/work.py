@@ -38,11 +38,11 @@ class CompiledPlace:
         self._parts = [(name, compile_part(name, value)) for name, value in place.items()]
 
     def on(self, names: Names) -> dict[str, Any]:
-        """The words with their values. Raises EVALUATION_ERRORS."""
+        """Return the words with their values. Raise EVALUATION_ERRORS."""
         return {name: compute(names) for name, compute in self._parts}
 
     def where(self, names: Names) -> dict[str, Any]:
-        """The same without the data that go there."""
+        """Return the same without the data that go there."""
         return {name: compute(names) for name, compute in self._parts if name != "data"}
 
 
@@ -86,7 +86,7 @@ class CompiledBlock:
 
 
 def compile_block(work: BlockWork, compile_value: Callable[[Value], Evaluate], part: CompilePart) -> CompiledBlock:
-    """Compiles a block; `part` compiles the words of places, in which areas may stand by their names."""
+    """Compile a block; `part` compiles the words of places, in which areas may stand by their names."""
 
     def place(found: PlaceOf | None) -> CompiledPlace | None:
         return None if found is None else CompiledPlace(found, part)
@@ -176,7 +176,7 @@ class Work:
 
     @staticmethod
     def part_compiler(values: ValueCompiler, areas: DeviceAreas) -> CompilePart:
-        """Compiles the words of a place: a bare word that is an area is that area, not a variable."""
+        """Compile the words of a place: a bare word that is an area is that area, not a variable."""
 
         def part(name: str, value: Value) -> Evaluate:
             word = bare_name(value) if isinstance(value, Expression) else None
@@ -197,7 +197,7 @@ class Work:
     def do(self, reading: MatchedRow, start_block: Callable[[CompiledBlock, Names], None]) -> list[bytes] | None:
         """Carry out the work; return the data that were read, in the form of the frame, None if the work reads none.
 
-        Raises DeviceMemoryError, BlockRefusedError, and EVALUATION_ERRORS for values that cannot be worked out.
+        Raise DeviceMemoryError, BlockRefusedError, and EVALUATION_ERRORS for values that cannot be worked out.
         """
         names = reading.names
         scope = scope_of(names)
@@ -219,7 +219,7 @@ class Work:
         return data
 
     def span_of(self, fields: Mapping[str, Evaluate], names: Names) -> Span:
-        """The place that `area|memory|code|text, unit, start, count` mean. Raises UnknownAreaError."""
+        """Return the place that `area|memory|code|text, unit, start, count` mean. Raise UnknownAreaError."""
         given = {name: compute(names) for name, compute in fields.items() if name != "data"}
         return span_of(self.areas, self.grammar, self.codes, given)
 
@@ -229,7 +229,7 @@ class Work:
         self.areas.write(span, self.facts.packers[span.unit].to_memory(data, span.start, span.count))
 
     def _check_kept(self, names: Names, scope: Scope) -> None:
-        """Raises AccessError where the device would keep something else afterwards."""
+        """Raise AccessError where the device would keep something else afterwards."""
         for target, key, compute in self._set:
             if target.name in self._of_device:
                 found = held(scope, target, None if key is None else key(names))
@@ -290,7 +290,7 @@ class Work:
 
 
 def _levels(each: Evaluate | None, name: str | None, names: Names) -> list[Names]:
-    """The names for every item of a list; the names themselves when there is no list."""
+    """Return the names for every item of a list; the names themselves when there is no list."""
     return [names] if each is None else [Names({name or "it": item}, names) for item in each(names)]
 
 
@@ -304,7 +304,7 @@ def _as_of(fields: Any) -> str | None:
 
 
 def _word(value: Any) -> str:
-    """A word that is written down, bare or in quotes."""
+    """Return a word that is written down, bare or in quotes."""
     node = value.root if isinstance(value, Expression) else None
     if isinstance(node, Name):
         return node.name
@@ -343,7 +343,7 @@ def assign(scope: Scope, target: SetTarget, key: Any, value: Any) -> None:
 
 
 def scope_of(names: Names) -> Scope:
-    """The engine's own names, which hold the state. Raises TypeError when these names are of no engine."""
+    """Return the engine's own names, which hold the state. Raise TypeError when these names are of no engine."""
     level: Names | None = names
     while level is not None:
         if isinstance(level, Scope):
