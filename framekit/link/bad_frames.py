@@ -132,7 +132,7 @@ class BadFrames:
         except CODEC_ERRORS:
             return 0
 
-    # ---- what is wrong with a frame -------------------------------------------------------------------------
+    # ---- faults of a frame ----------------------------------------------------------------------------------
 
     def _decoded(self, info: FrameInfo, raw: bytes, has_end: bool) -> Bad:
         """Return a frame as bad for the reason that decoding gives."""

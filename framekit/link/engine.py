@@ -149,7 +149,7 @@ class Engine:
     # ---- events -------------------------------------------------------------------------------------------
 
     def opened(self, now: int) -> list[Command]:
-        """The port, or the connection, is there, with the line's own speed and format."""
+        """Note that the port or the connection is open, with the line's own speed and format."""
         self.scope.now = now
         if self.scope.line.line != self.scope.line.own:
             self.scope.change_line(self.scope.line.own)
@@ -243,7 +243,10 @@ class Engine:
         return self._finish()
 
     def sent(self, now: int) -> list[Command]:
-        """The last bit of the oldest command to send, or of a break, has left (not of those sent inside others)."""
+        """Note that the last bit of the oldest queued command or break has left.
+
+        Commands sent inside others are not reported by themselves.
+        """
         self.scope.now = now
         output = self.output
         item = output.left()
@@ -300,11 +303,11 @@ class Engine:
         return self._finish()
 
     def tick(self, now: int) -> list[Command]:
-        """Time has passed; to be called when `deadline` is reached."""
+        """Handle the passage of time; call this when `deadline` is reached."""
         self._tick(now)
         return self._finish()
 
-    # ---- what is asked of it ------------------------------------------------------------------------------
+    # ---- requests -----------------------------------------------------------------------------------------
 
     def start(self, exchange: Exchange, now: int) -> list[Command]:
         """Queue an exchange; it begins when its lane has room. Its outcome comes by `ended`."""
@@ -380,7 +383,7 @@ class Engine:
         return self._finish()
 
     def _send_in_turn(self, value: FrameValue, put_out: Callable[[], None]) -> None:
-        """Puts a frame out that is sent by itself, or keeps it while a reply is due that its own could be taken for."""
+        """Send a frame outside of exchanges, or keep it while a reply is due that could be taken for its own reply."""
         late = self.late
         if late.items or late.sent_alone(value, any(run.asked is not None for run in self.machine.order)):
             late.items.append(partial(self._send_in_turn, value, put_out))
@@ -405,14 +408,14 @@ class Engine:
         return self.late.until
 
     def status(self) -> dict[str, Any]:
-        """Published variables; those of a device on a device alone: a client has no value of them."""
+        """Return the published variables; a client has no values of the variables of a device."""
         return self.scope.published(of_device=self.machine.server is not None)
 
     def await_frames(self, names: Iterable[str]) -> None:
         """Want these frames at any time from now on, in addition to the frames of waiting steps."""
         self.reception.await_frames(names)
 
-    # ---- what follows -------------------------------------------------------------------------------------
+    # ---- effects ------------------------------------------------------------------------------------------
 
     def _finish(self) -> list[Command]:
         """Do all that follows and takes no time; return the commands, in order. A nested call returns no command."""
@@ -596,7 +599,7 @@ class Engine:
     # ---- time ---------------------------------------------------------------------------------------------
 
     def _tick(self, now: int) -> None:
-        """Everything that is due, in the documented order; new times due at the same instant as well."""
+        """Handle everything that is due, in the documented order; also times that become due at the same instant."""
         now = self.scope.now = max(now, self.scope.now)
         self.lanes.stir_all()
         self.is_busy = True

@@ -230,7 +230,7 @@ class Outcome:
 
     @property
     def reported(self) -> str:
-        """Name of the failure for users: a device whose replies were damaged did answer."""
+        """Return the name of the failure for users: after damaged replies the device did answer."""
         return "damaged_reply" if self.damaged and self.outcome in NO_REPLY else self.outcome
 
 
@@ -282,7 +282,7 @@ class Exchange:
         self.arguments, self.params = arguments, params
 
     def begin(self, scope: Scope, checks_echo: bool = True, copies: bool = True) -> Exchange:
-        """Its sequences are about to run, on a request of their own that they may change."""
+        """Prepare the start of its sequences, with a copy of the request that they may change."""
         self.checks_echo = checks_echo
         params, given = self.params, self.request
         self.names = Names(params, scope, scope.formulas_for(params)) if params else scope
@@ -305,7 +305,7 @@ class Exchange:
         return self.arguments[name] if name in self.arguments else self.names.get(name)
 
     def answers(self, request: Any) -> Any:
-        """`request` is what this side answers now; the sequences it calls see it too."""
+        """Set the request that this side answers; the sequences that it calls see it too."""
         self.request = request
         if not self.checks_echo and type(request) is FrameValue:
             self.answering = request
@@ -325,11 +325,11 @@ class Exchange:
         self.succeeded(results)
 
     def succeeded(self, results: dict[str, Any]) -> None:
-        """It is over, with these results."""
+        """End the exchange with these results."""
         self.ended(outcome_of(self, results))
 
     def ended(self, outcome: Outcome) -> None:
-        """It is over."""
+        """End the exchange and pass the outcome to its callback."""
         self.on_done(outcome)
 
 
@@ -361,7 +361,7 @@ class RequestHandler(Protocol):
     def serve(self, request: FrameValue, buffer: bytes, station: Any, check_only: bool, names: Names) -> Served: ...
 
     def unanswered(self) -> None:
-        """The reply to the last request could not be built."""
+        """Note that the reply to the last request could not be built."""
 
 
 class MemoryAccess(Protocol):

@@ -236,9 +236,10 @@ class FrameInfo:
                 self._collect(segment.usual_block, False)
 
     def _field(self, field: Field | BitsPart, values: Mapping[int, str] | None, there: bool) -> None:
-        """Constants of a field that may be absent are not known: the builder decides whether it is there.
+        """Record the names of numbers, the constant and `is` of a field.
 
-        Nor is one of several that repeats the request's: that decides which.
+        They are unknown for a field that may be absent, because the builder decides its presence. One of several
+        constants is unknown for a field that repeats the request, because the request decides it.
         """
         name, constants, is_ = field.name, field.constants, field.is_
         if values:
@@ -338,7 +339,7 @@ class FrameTable:
             info.counted = counted_of(info.frame, shapes)
             if info.guesses and not info.frame.inside:
                 info.sizes = sizes_by_byte(info.frame, shapes)
-            if not info.frame.inside:  # else what interrupts it may stand at any place
+            if not info.frame.inside:  # else a frame inside may be at any offset
                 info.quick = quick_of(
                     info.frame, info.decode if info.flat else None, info.sizes, shapes, codec.fused.get(info.name)
                 )
@@ -361,7 +362,10 @@ class FrameTable:
         return FrameValue(name, fields, raw, refusal) if info is None else info.make(fields, raw, refusal)
 
     def _maker(self, info: FrameInfo) -> Make:
-        """What makes values of a frame, and of those inside it; if one is to be refused, so is the one around it."""
+        """Return the function that creates values of a frame and of frames inside it.
+
+        If a frame inside must be refused, so must the outer frame.
+        """
         frame_name, refuse, shape, infos, convert = info.name, info.refuse, info.shape, self.infos, self._convert
         declared, one = info.value_names, info.inner or ""  # the field with the only inner frame
 
@@ -392,7 +396,7 @@ class FrameTable:
 
         def make(fields: dict[str, Any], raw: bytes | None, refusal: int | None) -> FrameValue:
             value = FrameValue(frame_name, fields, raw, refuse if refusal is None else refusal)
-            if refusal is None:  # one that is to be refused may be read in part only
+            if refusal is None:  # a frame to be refused may be decoded in part only
                 value.declared = declared
             for kind, name, below in shape:
                 found = fields.get(name)
@@ -411,7 +415,7 @@ class FrameTable:
         return make_flat if not shape else make_one if one else make
 
     def _convert(self, shape: Shape, outer: FrameValue, found: Any) -> None:
-        """Frames in a record, or in a list of records, become frame values."""
+        """Replace frames in a record, or in a list of records, by frame values."""
         for record in found if type(found) is list else (found,):
             for kind, name, below in shape if type(record) is dict else ():
                 part = record.get(name)
@@ -612,7 +616,7 @@ def echoed(plain_name: str | None, evaluate: Evaluate, request: FrameValue, name
 
 
 def _rests(frame: Frame, optional: Collection[str]) -> dict[str, tuple[str, ...]]:
-    """The defaults that rest on other fields which need not be given: field → those; none of them in a circle."""
+    """Return the optional fields whose defaults depend on other optional fields, with these; cycles are left out."""
     fields = (one for one in everything(frame.segments) if isinstance(one, Field) and one.name in optional)
     defaults = {one.name: one.default for one in fields if one.default is not None}
     named = {name: names_in(defaults[name].root) & set(optional) - {name} for name in ordered_by_need(defaults)}
@@ -642,7 +646,7 @@ def optional_of(frame: Frame) -> dict[str, Evaluate | None]:
 
 
 def usual_of(frame: Frame, wanted: Collection[str | None]) -> dict[str, str]:
-    """Whole numbers among the fields `wanted` that are always there, and the name that gives each where no value is."""
+    """Return the fields among `wanted` that are always present and take a whole number from a name; field → name."""
     found: dict[str, str] = {}
     for field in frame.segments:
         if isinstance(field, Field) and field.name in wanted and field.type.is_whole_number:

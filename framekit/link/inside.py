@@ -67,7 +67,7 @@ class OwnByteRule:
 
 
 def plain_end(buffer: bytes | bytearray, position: int, end: int, escape: int) -> int | None:
-    """Where doubled content ends: at the first escape byte that is not doubled; None when that is not there yet."""
+    """Return where doubled content ends: at the first escape byte that is not doubled; None if it is not there yet."""
     while True:
         found = buffer.find(escape, position, end)
         if found < 0 or found + 1 >= end:
@@ -114,7 +114,7 @@ class InsideFinder:
         buffer, base = stream.buffer, stream.base
         if self._marks.search(buffer, max(stream.position, self._clear - base)) is not None:
             return False
-        self._clear = base + len(buffer) - 1  # the last byte may begin one
+        self._clear = base + len(buffer) - 1  # the last byte may begin a frame
         return True
 
     def end_for(self, outer: str, limit: int, base: int) -> int:
@@ -142,7 +142,7 @@ class InsideFinder:
     def _find_byte(
         self, stream: Stream, info: FrameInfo, rule: OwnByteRule, infos: tuple[FrameInfo, ...], limit: int
     ) -> tuple[FrameInfo, int, int] | None:
-        """What begins with a byte of its own before the outer frame ends, unless another frame ends before it."""
+        """Return the frame inside that begins with a byte of its own, unless the outer frame ends before it."""
         place = self.places.get(info.name)
         start = stream.position + 1 if place is None else place - stream.base
         match = rule.begins.search(stream.buffer, start, limit)
@@ -225,9 +225,9 @@ def rules_and_marks(table: FrameTable) -> tuple[Rules, re.Pattern[bytes] | None]
 
 
 def marks_of(rules: Iterable[InsideRule | OwnByteRule]) -> re.Pattern[bytes] | None:
-    """Matches where every frame begins that may stand inside another; None if constants do not determine that.
+    """Return a pattern of the beginnings of all frames inside; None if constants do not determine them.
 
-    That is its first byte where the outer frame never holds it, else its first two.
+    A beginning is the first byte of a frame if the outer frame never holds it, else its first two bytes.
     """
     starts = set()
     for rule in rules:

@@ -91,7 +91,7 @@ class Lanes:
             machine.begin(run, machine.sequences[x.run or lane.exchange[0]], x)
 
     def _clear_line(self) -> None:
-        """Before an exchange, forget replies that are due no longer, and bytes that no run listened for."""
+        """Forget replies that are no longer due, and bytes that no run listened for, before an exchange."""
         machine, reception = self.machine, self.reception
         late, now = machine.late, machine.scope.now
         if late.until and late.until <= now:
@@ -280,7 +280,7 @@ class Lanes:
                 run.deadline = max(late.until, now)
 
     def hold_over(self, run: Run) -> None:
-        """A time for which a run was to be held back is over."""
+        """Handle the end of the time for which a run is held back."""
         machine, reception = self.machine, self.reception
         late, now = machine.late, machine.scope.now
         more = late.time(machine.scope, late.within)
@@ -323,7 +323,7 @@ class Lanes:
             self.stir_all()
         elif lane.waiting or lane.listen is not None:
             machine.stir(lane)
-        exchange, run.exchange = run.exchange, None  # nothing leads from one to the other when both are over
+        exchange, run.exchange = run.exchange, None  # break the reference cycle
         if exchange is not None:
             if outcome is None:
                 exchange.succeeded(run.results)

@@ -235,7 +235,7 @@ class LateReplies:
     # ---- may a request be sent? ---------------------------------------------------------------------------
 
     def prepare(self, x: Exchange) -> None:
-        """Before an exchange that must not be repeated, hold the line until no reply to a request like it can come."""
+        """Hold the line before an exchange that must not be repeated, until no reply to a similar request can come."""
         self.expire()
         if not self.open or x.may_repeat():
             return
@@ -489,7 +489,7 @@ def fresh(value: Any) -> Any:
     return [fresh(one) for one in value] if type(value) is list else value
 
 
-# ---- what generators of sequences call ------------------------------------------------------------------------------
+# ---- functions for generators of sequences --------------------------------------------------------------------------
 
 
 def missed(run: Run) -> None:

@@ -45,13 +45,13 @@ class LinkFunctions:
         self.make_random: Callable[[int], bytes] = token_bytes
 
     def random(self, size: int) -> bytes:
-        """So many bytes that cannot be foretold. Raise ValueError for too many."""
+        """Return `size` unpredictable bytes. Raise ValueError for too many."""
         if not 0 <= size <= MOST_RANDOM:
             raise ValueError(f"{size} random bytes are not possible")
         return self.make_random(size)
 
     def code(self, name: str, data: bytes) -> bytes:
-        """The bytes of the check code `name` over `data`, the highest first. Raise KeyError, ValueError, TypeError."""
+        """Return the check code `name` over `data`, the highest byte first. Raise KeyError, ValueError, TypeError."""
         method = self._scope.protocol.checks.get(name) or ready_methods()[name]
         if method.kind == "code" and method.expression is not None:
             found = compile_expression(method.expression)(Names({"data": bytes(data)}, self._scope))
@@ -72,18 +72,18 @@ class LineTimes:
         self.change(line)
 
     def change(self, line: LineFormat | None) -> None:
-        """The line has this speed and format from now on."""
+        """Set the present speed and format."""
         self.line = line
         self.speed = 0 if line is None else line.speed
         self._bit = 0.0 if line is None else 1_000_000_000 / line.speed
         self.character = 0.0 if line is None else self._bit * line.character_bits
 
     def chars(self, numerator: int, denominator: int = 1) -> int:
-        """Nanoseconds that numerator / denominator characters take."""
+        """Return the duration of numerator / denominator characters in nanoseconds."""
         return round(self.character * numerator / denominator)
 
     def bits(self, numerator: int, denominator: int = 1) -> int:
-        """Nanoseconds that numerator / denominator bits take."""
+        """Return the duration of numerator / denominator bits in nanoseconds."""
         return round(self._bit * numerator / denominator)
 
     def language_attribute(self, name: str) -> int:
@@ -113,7 +113,7 @@ def moment(at: datetime) -> dict[str, int]:
 
 
 def with_date(clock: Mapping[str, int], frame: Any, mode: int | str) -> dict[str, int]:
-    """`clock` with the parts that `mode` names (1 both, 2 time, 3 date) taken from the frame's fields.
+    """Return `clock` with the parts that `mode` names (1 both, 2 time, 3 date) replaced by the fields of a frame.
 
     Years below 100 are of 1970 to 2069. Raise ValueError for a date that does not exist.
     """
@@ -239,12 +239,12 @@ class Scope(Names):
 
     @property
     def version(self) -> int:
-        """Grows whenever a variable or parameter changes."""
+        """Return a number that grows whenever a variable or parameter changes."""
         return self.writes + self.device.changes
 
     @property
     def remembered(self) -> dict[Any, Any]:
-        """As of all names, until a variable or parameter changes."""
+        """Return the cache for results that depend on these names; a changed variable or parameter clears it."""
         version, found = self._remembered
         if version != self.version:
             self._remembered = self.version, (found := {})
@@ -277,12 +277,15 @@ class Scope(Names):
                 self[name] = value
             elif parameter.type == "list":
                 self[name] = []
-            elif parameter.secret:  # not known: what needs it is no good frame
+            elif parameter.secret:  # unknown: frames that need it are not good
                 self[name] = None
         self._lasting = lasting({name: item for name, item in parameters.items() if name in formulas}, given)
 
     def _formula(self, name: str, expression: Expression) -> Formula:
-        """Works a parameter out; kept until something changes unless it depends on the time or an exchange."""
+        """Return the function of a computed parameter.
+
+        Its result is cached until a variable or parameter changes, unless it depends on the time or an exchange.
+        """
         evaluate = compile_expression(expression)
 
         def formula(_: Names) -> Any:
@@ -298,8 +301,10 @@ class Scope(Names):
         return formula
 
     def formulas_for(self, given: Iterable[str]) -> Mapping[str, Formula] | None:
-        """The parameters whose formulas mention these, also through others: where one call gives these other values,
-        they are to be worked out on its names. None where there are none."""
+        """Return the formulas of parameters that depend on `given`, directly or through others, or None.
+
+        An exchange that overrides these names evaluates the formulas on its own names.
+        """
         names = frozenset(given)
         anew = self._anew.get(names)
         if anew is None:
@@ -366,7 +371,7 @@ class Scope(Names):
             self._put(name, fit_of(parameter.type)(value))
 
     def worked_out(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        """Values for parameters, checked and ready to use; other names as they are. Raise ParameterError."""
+        """Return checked values for parameters; other names keep their values. Raise ParameterError."""
         found = dict(given)
         for name in given.keys() & self.protocol.params.keys():
             taken = given_value(self.protocol.params[name], given[name])
@@ -394,7 +399,7 @@ class Scope(Names):
         return back
 
     def _overridden(self, names: Iterable[str]) -> None:
-        """Each of these parameters has the value that was given last, or its own again."""
+        """Give each of these parameters its latest override, or its own value if no override remains."""
         for name in names:
             given = [layer[name] for layer in self._overrides if name in layer]
             value = given[-1] if given else self._beneath.pop(name)
@@ -406,7 +411,7 @@ class Scope(Names):
         self.settings += 1
 
     def change_line(self, line: LineFormat | None) -> None:
-        """The line has another speed and format: all that was worked out from these is worked out anew."""
+        """Set another speed and format of the line; cached results that depend on them are dropped."""
         self.line.change(line)
         self.writes += 1
         self.settings += 1
@@ -429,7 +434,7 @@ class Scope(Names):
         self._put(name, holder)
 
     def reset_session(self, but: Collection[str] = ()) -> None:
-        """Session variables return to their start values, `but` these; those of followers too."""
+        """Reset session variables to their start values, except `but`; also those of followers."""
         for variable in self.protocol.state.values():
             if variable.scope == "session" and variable.name not in but:
                 self[variable.name] = self._start_value(variable)
@@ -440,7 +445,7 @@ class Scope(Names):
                 scope.reset_session()
 
     def published(self, of_device: bool) -> dict[str, Any]:
-        """Variables that are shown as status, with those `of_device`."""
+        """Return the variables that are shown as status; with `of_device` also those of the device."""
         shown = [one for one in self.protocol.state.values() if one.publish and (of_device or one.scope != "device")]
         return {variable.name: self[variable.name] for variable in shown}
 
@@ -475,25 +480,25 @@ class CommandScope(Scope):
         channel.followers.append(ref(self))
 
     def reset_session(self, but: Collection[str] = ()) -> None:
-        """The application's own session variables return to their start values; the channel's are the channel's."""
+        """Reset the session variables of the application; those of the channel stay."""
         super().reset_session(self.shared)
 
     def set(self, name: str, value: Any) -> None:
-        """As for every scope; what belongs to the channel is set there."""
+        """Set a variable or a parameter, as every scope does; names of the channel are set in its scope."""
         if name in self.shared or name == "clock":
             self.channel.set(name, value)
         else:
             super().set(name, value)
 
     def set_entry(self, name: str, key: Any, value: Any) -> None:
-        """As for every scope."""
+        """Set an entry, as every scope does; variables of the channel are set in its scope."""
         if name in self.shared:
             self.channel.set_entry(name, key, value)
         else:
             super().set_entry(name, key, value)
 
     def drop_entry(self, name: str, key: Any) -> None:
-        """As for every scope."""
+        """Drop an entry, as every scope does; variables of the channel are changed in its scope."""
         if name in self.shared:
             self.channel.drop_entry(name, key)
         else:

@@ -83,8 +83,9 @@ class Stream:
         return place + self.removed
 
     def add(self, data: bytes, now: int, faults: Iterable[CharacterFault]) -> bool:
-        """More bytes, the last of which came at `now`; whether there have been others. Used bytes are dropped, unless
-        many more follow.
+        """Append bytes, the last of which came at `now`; return whether unused bytes remained before them.
+
+        Used bytes are dropped, unless many unused bytes follow.
         """
         rest = len(self.buffer) - self.position
         if rest > COPIED or self.is_marked or faults:
@@ -106,7 +107,7 @@ class Stream:
         return True
 
     def _add(self, data: bytes, now: int, faults: Iterable[CharacterFault]) -> bool:
-        """As `add`, whatever there is to be remembered."""
+        """Append bytes as `add` does, also with faults, marks or many unused bytes."""
         rest = len(self.buffer) - self.position
         if self.position and (rest <= COPIED or self.position > rest):
             self.tidy()
@@ -243,7 +244,7 @@ class Pauses:
         self.is_idle = False
 
     def limits(self) -> tuple[int, int | None]:
-        """`quiet`, and the gap in force or None."""
+        """Return `quiet`, and the gap in force or None."""
         version = -1 if self._scope is None else self._scope.version
         found = self._worked_out
         if found is None or found[0] != version:
@@ -262,7 +263,7 @@ class Pauses:
         return self._gap_of is not None
 
     def _time(self, evaluate: Evaluate | None) -> int | None:
-        """A time that cannot be worked out counts as not given."""
+        """Return a time, or None if it is not given or cannot be evaluated."""
         try:
             return None if evaluate is None else int(evaluate(self._names))
         except EVALUATION_ERRORS:
@@ -286,7 +287,7 @@ class Pauses:
         return now - self._stream.last >= self.limits()[0]
 
     def reach(self, now: int) -> tuple[int, bool]:
-        """How far a frame that begins here can reach (buffer index), and whether a pause too long stands there."""
+        """Return how far a frame at the position can reach (buffer index), and whether too long a pause ends it."""
         stream = self._stream
         if stream.pauses:
             pause = stream.first_after(stream.pauses, stream.position)
@@ -385,7 +386,7 @@ class Marks:
         return limit if found is None else min(limit, found + (info.frame.mark == "last"))
 
     def ends(self, info: FrameInfo, size: int) -> bool:
-        """Whether a frame of `size` bytes at the present place may end there: one with a marked last byte has it."""
+        """Return whether a frame of `size` bytes at the position may end there: a marked last byte needs its mark."""
         last = self._stream.position + size - 1
         return info.frame.mark != "last" or self.next(last) == last
 
@@ -399,9 +400,7 @@ class Marks:
         return self.next(self._stream.position + (info.frame.mark != "last"))
 
     def wrong_in(self, info: FrameInfo, start: int, end: int) -> int | None:
-        """The first byte of a frame in `buffer[start:end]` (0 = first) that is marked and should not be, or not marked
-        and should be.
-        """
+        """Return the first byte of a frame in `buffer[start:end]` (0 = first) whose mark is missing or unexpected."""
         wanted = marked_in(info, end - start)
         found = self.next(start)
         is_there = found is not None and found < end

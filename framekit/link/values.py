@@ -65,7 +65,7 @@ class FrameValue:
 
     @property
     def computed(self) -> Mapping[str, Any]:
-        """The fields that building computed, decoded from the bytes at the first use; none before it is built."""
+        """Return the fields that building computed, decoded from the bytes on first use; empty before building."""
         rest = self.rest
         if isinstance(rest, tuple):
             info, data, names, inside, _ = rest
@@ -135,14 +135,14 @@ def attribute(value: Any, name: str) -> Any:
 
 
 def present(value: Any, name: str) -> Any:
-    """`value.name` where a frame is compared with a pattern: raises KeyError for an absent field too."""
+    """Return `value.name` for the comparison of a frame with a pattern. Raise KeyError also for an absent field."""
     if type(value) is FrameValue and name in value.declared:
         return value.field(name)
     return attribute(value, name)
 
 
 def plain(value: Any) -> Any:
-    """The value as codecs take it: frame values inside become `{frame: fields}`, as sent if they have been sent."""
+    """Return the value for codecs: frame values inside become `{frame: fields}`, as sent if they have been sent."""
     if type(value) is FrameValue:
         fields = value.fields if value.raw is None else value.complete()
         return {value.frame: {name: plain(item) if type(item) in HOLDERS else item for name, item in fields.items()}}
@@ -209,8 +209,11 @@ class Names(dict[str, Any]):
 
 
 def compile_expression(expression: Expression) -> Evaluate:
-    """Return a function of a `Names`. Evaluating raises KeyError (unknown name), TypeError, IndexError, ValueError or
-    ArithmeticError; `EVALUATION_ERRORS` names them for callers that must go on."""
+    """Return a function of a `Names` that evaluates an expression.
+
+    It raises KeyError (unknown name), TypeError, IndexError, ValueError or ArithmeticError; `EVALUATION_ERRORS` names
+    them for callers that must go on.
+    """
     return compiled(expression.root, attribute)
 
 
@@ -242,13 +245,13 @@ class Inverse:
     undone: tuple[Undone, ...] = ()
 
     def solve(self, result: int, names: Names) -> int:
-        """The value of the name. Raise NotReadableError, and EVALUATION_ERRORS for a column that is not there."""
+        """Return the value of the name. Raise NotReadableError, and EVALUATION_ERRORS for a missing column."""
         for undo, other in self.steps:
             result = undo(result, other(names))
         return result
 
     def source(self, result: str, written: Callable[[Expression], str]) -> str:
-        """`solve` as source; `quotient` has to be known there."""
+        """Return the source of `solve`; it requires the name `quotient`."""
         for operator, unknown_left, other in self.undone:
             known = written(other)
             if operator == "*":

@@ -194,7 +194,7 @@ class StateTable(dict[Any, Any]):
 
 
 def table_values(table: Table) -> dict[Any, Any]:
-    """A definition's table as expressions read it. A column that a row leaves out is there empty: 0, '' or no bytes."""
+    """Return a table of a definition for expressions. A column that a row leaves out is empty: 0, '' or no bytes."""
     columns: dict[str, Any] = {}
     for value in (*table.entries.values(), *(value for _, _, value in table.ranges)):
         if isinstance(value, Mapping):
@@ -375,7 +375,10 @@ def depending(formulas: Mapping[str, Expression], names: Collection[str]) -> set
 
 
 def lasting(formulas: Mapping[str, Parameter], given: Mapping[str, Any]) -> frozenset[str]:
-    """Parameters whose formulas depend only on parameters, state, tables and the line, so that results can be kept."""
+    """Return the parameters whose results can be cached.
+
+    Their formulas depend only on parameters, state, tables and the line.
+    """
 
     def passing(name: str) -> bool:
         expression = formulas[name].is_ or formulas[name].default

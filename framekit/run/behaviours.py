@@ -123,7 +123,7 @@ def _word(name: str, *known: str) -> Form:
     return Form(words(name, *known), lambda r, node: r.reader.text(node))
 
 
-# ---- what all have in common ----------------------------------------------------------------------------------
+# ---- common base ----------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -169,8 +169,7 @@ class Behaviour(ABC):
 
     @property
     def goes_on(self) -> bool:
-        """Return whether the value continues from the last value; then it is computed from the memory before the
-        moment."""
+        """Return whether the value continues from the last value, and thus is computed from the previous memory."""
         return False
 
     @property

@@ -70,7 +70,7 @@ class StatusWords:
                 if isinstance(area, LateArea):
                     area.own(self.bring, self._be_prompt)
 
-    # ---- what happens -------------------------------------------------------------------------------------
+    # ---- events -------------------------------------------------------------------------------------------
 
     def show(self, key: Key, status: Shown) -> None:
         """Show the state of a block; its pulses stay as they are."""
@@ -350,7 +350,7 @@ class BlockSettings:
         for given in self._given.pop(key, ()):
             given.area.write("word", given.first, [0] * len(given.words), force=True)
 
-    # ---- what the words say -------------------------------------------------------------------------------
+    # ---- settings in the words ----------------------------------------------------------------------------
 
     def _items(self, section: BlockWords, block: Block, protocol: Protocol) -> list[tuple[BlockItem, int]]:
         found = []

@@ -121,7 +121,7 @@ class BlockLane:
     # ---- waiting ------------------------------------------------------------------------------------------
 
     def look_again(self, state: BlockState) -> None:
-        """A block that stands aside may talk to another station by now: it waits among the others again."""
+        """Put a parked block back among the waiting blocks, because its station may have changed."""
         for failing in self.failing.values():
             found = [entry for entry in failing.parked if entry[3] is state]
             for entry in found:
@@ -235,7 +235,7 @@ class BlockLane:
         return None
 
     def companions(self, wanted: Callable[[list[BlockState]], list[BlockState]]) -> list[BlockState]:
-        """Waiting blocks, of those that `wanted` picks, that run in the same exchange as the one just taken."""
+        """Take the waiting blocks that `wanted` picks for the exchange of the block just taken; return them."""
         chosen = wanted([entry[3] for entry in self.waiting])
         if chosen:
             ids = {state.id for state in chosen}
@@ -245,7 +245,7 @@ class BlockLane:
                 self.running[state.id] = self.station_of(state)
         return chosen
 
-    # ---- what became of it --------------------------------------------------------------------------------
+    # ---- outcomes -----------------------------------------------------------------------------------------
 
     def ended(self, state: BlockState, failure: Failure | None, now: int, least: int) -> None:
         """Count the end of an exchange; the channel is free after the silence, and after `least` at the earliest."""
@@ -308,7 +308,7 @@ class BlockLane:
         return found
 
     def opened(self, now: int) -> None:
-        """The port is open: no block starts before the line has been silent, and every station gets a new chance."""
+        """Note that the port is open: blocks start after a silence of the line, and every station gets a new chance."""
         self.open = True
         self.free_from = max(self.free_from, now + self.rules.silence.connect)
         self.forget_failures()

@@ -70,7 +70,7 @@ class TriggerRegistry:
         self.timers.clear()
         self.fired.clear()
 
-    # ---- what happens -------------------------------------------------------------------------------------
+    # ---- events -------------------------------------------------------------------------------------------
 
     def ended_at_once(self, state: BlockState, ok: bool, later: int) -> None:
         """Make the blocks due that wait for an end during the start itself; a block of the chain is due `later`."""

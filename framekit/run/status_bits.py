@@ -28,7 +28,7 @@ class StatusImage:
         self._origin = 0
         self._due = NEVER
 
-    # ---- what happens -------------------------------------------------------------------------------------
+    # ---- events -------------------------------------------------------------------------------------------
 
     def start(self, now: int) -> None:
         """Count scans from `now` on; all bits are 0 until the first scan."""

@@ -30,7 +30,7 @@ Resolve = Callable[[str], Address]
 Call = Callable[[], object]
 
 
-# ---- what triggers are made of --------------------------------------------------------------------------------
+# ---- parts of triggers ----------------------------------------------------------------------------------------
 
 
 class Condition:

@@ -76,7 +76,7 @@ def _loss(number: int, unit: str, points: Mapping[str, int]) -> str:
 
 
 def waiting_text(number: int, most: int, where: str = "") -> str:
-    """`12 samples wait, the oldest are dropped from 100,000 on`."""
+    """Return a message such as `12 samples wait, the oldest are dropped from 100,000 on`."""
     wait = f"{plural(number, 'sample')} {'waits' if number == 1 else 'wait'}{where}"
     return f"{wait}, the oldest are dropped from {most:,} on"
 
@@ -111,7 +111,7 @@ class Dropped:
         self._in_flight: list[tuple[int, tuple[str, ...]]] = []
 
     def sending(self, end: int) -> None:
-        """The samples before the number `end` are being sent; earlier attempts are over."""
+        """Note that the samples before the number `end` are being sent; earlier attempts are over."""
         self._sent_up_to = end
         self._in_flight.clear()
 
@@ -124,7 +124,7 @@ class Dropped:
             self._in_flight.append((number, names))
 
     def confirmed(self, end: int) -> None:
-        """The samples before the number `end` have arrived: those of them that were dropped do not count."""
+        """Note that the samples before the number `end` have arrived: dropped samples among them do not count."""
         for number, names in self._in_flight:
             if number < end:
                 self.samples -= 1

@@ -67,7 +67,7 @@ def program_of(protocol: Protocol, codec: ProtocolCodec) -> Program:
 
 
 def sequence_source(protocol: Protocol, table: FrameTable) -> str:
-    """Source of the module of a protocol's sequences."""
+    """Return the source of the module of a protocol's sequences."""
     module = SourceModule()
     frames = Frames(protocol, table)
     held = _of_exchanges(protocol)
@@ -88,7 +88,10 @@ def sequence_source(protocol: Protocol, table: FrameTable) -> str:
 
 
 def _shown_later(protocol: Protocol, frames: Frames, own: set[str]) -> dict[str, tuple[str, ...]]:
-    """The frames that can be read back on a few names kept when they are sent, with these: parameters and constants."""
+    """Return the frames that can be decoded later, each with the parameters and constants to keep when it is sent.
+
+    They depend on names that do not change.
+    """
     fixed = {*protocol.params, *protocol.tables, "own", "role", "line"}
     changing = {*OF_EXCHANGE, *own, *protocol.state, "now", "clock", "functions"}
     if next(parts_of(tuple(protocol.sequences.values()), LineChange), None) is not None:
@@ -100,7 +103,7 @@ def _shown_later(protocol: Protocol, frames: Frames, own: set[str]) -> dict[str,
 def load_sequences(
     code: CodeType, protocol: Protocol, table: FrameTable
 ) -> tuple[dict[str, runs.CompiledSequence], set[str], dict[str, tuple[str, ...]]]:
-    """The sequences that compiled code makes; frames built on names of an exchange; those that may be shown later."""
+    """Run compiled code; return its sequences, the frames that need names of an exchange, and `SHOWN_LATER`."""
     found: dict[str, runs.CompiledSequence] = {}
     need_names: set[str] = set()
     later: dict[str, tuple[str, ...]] = {}
@@ -151,7 +154,7 @@ class _SequenceWriter:
         ]
 
     def write(self) -> None:
-        """The generator, and the sequence that it is."""
+        """Write the generator and its sequence."""
         out, sequence, body = self.module.functions, self.sequence, self.body
         for step in self.steps:
             body.comment(f"step {step.step.name}")
@@ -223,7 +226,7 @@ class _SequenceWriter:
             out.add(f"{counter} = 0")
 
 
-# ---- what generators use -----------------------------------------------------------------------------------------
+# ---- names for generators ----------------------------------------------------------------------------------------
 
 
 _USED = (

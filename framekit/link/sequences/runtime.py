@@ -180,7 +180,7 @@ class Machine:
         """Drop bytes that are no frame yet; the engine's reception takes awaited frames among them first."""
 
     def stir(self, lane: LaneState) -> None:
-        """Something may begin in a lane."""
+        """Note that an exchange or a listener may begin in a lane."""
         if not lane.is_queued:
             lane.is_queued = True
             self.ready.append(lane)
@@ -188,7 +188,7 @@ class Machine:
     # ---- going on -----------------------------------------------------------------------------------------
 
     def begin(self, run: Run, sequence: CompiledSequence, x: Exchange) -> None:
-        """A run begins a sequence, and does everything in it that takes no time."""
+        """Begin a sequence in a run, and carry it out up to its first wait."""
         run.state = GOING
         run.top = level = run.base
         level.generator, level.x = sequence.begin(run, x, NOTHING), x
@@ -316,7 +316,7 @@ class Machine:
         run.deadline = NEVER if run.clock_waits else after(now, run.pause)
 
     def _ask(self, run: Run, level: Level) -> Exception | None:
-        """Runs a service; its exchanges run inside this step. What cannot be asked is an error of the step."""
+        """Run a service; its exchanges run inside this step. Return the error if the service cannot be called."""
         run.state, run.deadline = ASKING, NEVER
         service, given = run.wanted
         before, self.asking = self.asking, run
@@ -331,7 +331,10 @@ class Machine:
         return None
 
     def _left(self, run: Run, level: Level, result: Any) -> tuple[Level | None, Any]:
-        """A sequence has ended, with results or failed: its caller goes on, or the run is over."""
+        """Handle the end of a sequence, with results or failed; return the caller to go on with and its value.
+
+        Return None for both if no caller goes on now.
+        """
         if level is not run.top:
             self._abandon_above(run, level)
         caller = level.caller
@@ -390,14 +393,14 @@ class Machine:
         self.fail_run(run, "circle")
 
     def fail_run(self, run: Run, outcome: str) -> None:
-        """The whole run ends, whatever its sequences would do about it."""
+        """End the whole run; handlers of its sequences are not called."""
         if run.state is not DONE:
             *_, first = run.calls()
             self._abandon_above(run, first)
             self.finish(run, Outcome(False, outcome, run.cause))
 
     def finish(self, run: Run, outcome: Outcome | None, results: dict[str, Any] = NO_RESULTS) -> None:
-        """The run is over, with results, or as `outcome` says."""
+        """End the run with results, or with `outcome`."""
         if run.state is DONE:
             return
         if run.asked is not None:
@@ -405,12 +408,12 @@ class Machine:
         if run.doubt is not None:
             self.late.ended(run)
         run.state, run.deadline, run.expected = DONE, NEVER, NO_NAMES
-        run.top = run.base.generator = None  # type: ignore[assignment] # nothing leads from one to the other now
+        run.top = run.base.generator = None  # type: ignore[assignment] # break the reference cycle
         run.outcome, run.results = outcome, results
         self.ready.append(run)
 
     def _abandon_above(self, run: Run, level: Level) -> None:
-        """Drops the calls above one."""
+        """Drop the calls above a level."""
         while run.top is not None and run.top is not level:
             dropped = run.top
             run.top = dropped.caller  # type: ignore[assignment] # of what stands above another one
@@ -425,7 +428,7 @@ class Machine:
         self.go(run, run.top, GO)
 
     def time_up(self, run: Run) -> None:
-        """A time limit of the run has run out, or its pause is over."""
+        """Handle the end of a time limit or of a pause of the run."""
         if run.state is PAUSING:
             self.go_on(run)
         elif run.state is RECEIVING:
@@ -437,7 +440,7 @@ class Machine:
     # ---- services that steps ask for ----------------------------------------------------------------------
 
     def start_inside(self, run: Run, exchange: Exchange) -> None:
-        """An exchange of the service that the run's `ask` step has asked for."""
+        """Start an exchange of the service that the `ask` step of the run has called."""
         sequence = self.sequences[exchange.run or run.lane.exchange[0]]
         x = exchange.begin(self.scope)
         self.late.prepare(exchange)
@@ -473,7 +476,7 @@ class Machine:
         self.ready.append(tell)
 
     def answered(self, run: Run, level: Level, x: Exchange, outcome: Outcome) -> None:
-        """The service that a step asked for is done."""
+        """Continue a step with the outcome of the service that it has called."""
         if run.state is not ASKING or run.top is not level or level.x is not x:
             return
         run.state, run.deadline = GOING, NEVER
@@ -499,7 +502,7 @@ class Machine:
             self.show("trouble", frame=value.frame, reason=explain(error))
 
     def put_out(self, run: Run, data: bytes, value: FrameValue, repeated: bool = False) -> None:
-        """Gives the bytes of a frame to the line, and shows it."""
+        """Send the bytes of a frame, and show it."""
         self.last_frame = self.scope.now
         self.counters.repeated += repeated
         if run.owed is not None:
@@ -512,11 +515,11 @@ class Machine:
             run.unsent += 1
 
     def settle_owed(self, run: Run, value: FrameValue) -> None:
-        """A frame is sent that may be, or hold, the reply to the last request."""
+        """Note that a frame is sent that may be, or contain, the reply to the last request."""
         assert run.owed is not None
         reply = run.owed[0]
         if reply.was_built or reply.frame in frames_in(value):
-            run.owed = None  # else it was made anew of its fields, or stands deep inside
+            run.owed = None  # else it was rebuilt from its fields, or is deep inside
 
     def line_changed(self, change: ChangeLine, is_other: bool) -> None:
         """Note that the line has these settings, after everything sent before has left; its run goes on."""
@@ -533,7 +536,7 @@ class Machine:
     # ---- queues, memory -----------------------------------------------------------------------------------
 
     def queues_changed(self) -> None:
-        """A row that waits for an item or for room may have it now."""
+        """Note that a row that waits for an item or for room may be able to go on."""
         if QUEUES not in self.ready:
             self.ready.append(QUEUES)
 
@@ -542,7 +545,7 @@ class Machine:
         return self.queues.take(queue)
 
     def deliver(self, value: Any) -> None:
-        """A frame is offered as if it had arrived."""
+        """Offer a frame as if it had arrived. Raise TypeError for another value."""
         if type(value) is not FrameValue:
             raise TypeError("only a frame can be delivered")
         self.ready.append(value)
@@ -635,7 +638,7 @@ class Machine:
             self.session.opened()
 
     def tell(self, exchange: Exchange, outcome: Outcome) -> None:
-        """Calls back when everything that follows at this point has been done."""
+        """Schedule the callback of an exchange with this outcome."""
         self.ready.append(partial(exchange.ended, outcome))
 
 
@@ -690,11 +693,11 @@ def failure_of(run: Run, x: Exchange, failed: Failed) -> Outcome:
     return found
 
 
-# ---- what generators call -------------------------------------------------------------------------------------------
+# ---- functions for generators ---------------------------------------------------------------------------------------
 
 
 def count(run: Run) -> None:
-    """A step is begun that may be one of a circle. Raise CircleError."""
+    """Count a step that may be part of a cycle. Raise CircleError after too many steps without new input or time."""
     lane, machine = run.lane, run.machine
     if lane.steps_since != machine.scope.now:
         lane.steps_since, lane.steps_done = machine.scope.now, 0
@@ -721,7 +724,7 @@ def listens_again(m: Machine, run: Run, x: Exchange) -> bool:
 
 
 def trouble(run: Run, x: Exchange, step: str, error: Exception) -> str:
-    """Something a definition wrote could not be worked out: that is shown, and the sequence fails."""
+    """Handle an expression that cannot be evaluated: show it, and return the outcome of the failed sequence."""
     machine = run.machine
     if machine.server is not None and _owes_reply(run, x):
         run.owed = None
@@ -741,20 +744,20 @@ def _owes_reply(run: Run, x: Exchange) -> bool:
 
 
 def unclear(m: Machine, step: str, error: Exception) -> bool:
-    """A condition that cannot be worked out for a frame does not hold; that is shown."""
+    """Show that the condition of a row cannot be evaluated; return False, because it does not hold."""
     m.show("trouble", reason=f"step {step}, condition of a row: {explain(error)}")
     return False
 
 
 def cut_parts(data: bytes, most: int) -> list[bytes]:
-    """Cut the data of a step into its pieces."""
+    """Return the data of a step in pieces. Raise ValueError for pieces without bytes."""
     if most <= 0:
         raise ValueError(f"pieces of {most} bytes cannot be cut")
     return [data[start : start + most] for start in range(0, len(data), most)]
 
 
 def begin_part(run: Run, parts: list[bytes], index: int) -> dict[str, Any]:
-    """The step is done for this piece."""
+    """Begin a piece of the data of a step; return its variables."""
     count(run)
     if run.asked is not None:
         missed(run)
@@ -770,16 +773,19 @@ def hold_break(m: Machine, run: Run, duration: int) -> None:
 
 
 def change_line(m: Machine, speed: Any, format: Any) -> ChangeLine | None:
-    """Other speed and format when all that was sent has left; None: that is so already. None stays as it is."""
+    """Queue a change of speed and format; None keeps a setting.
+
+    Return the pending change, or None if it is done.
+    """
     line = m.scope.line.line
-    if line is None:  # there is nothing to change on a stream
+    if line is None:  # a stream has no settings
         return None
     shape = str(line).partition(" ")[2] if format is None else format
     return m.output.change_line(parse_format(shape, line.speed if speed is None else speed))
 
 
 def own_line(m: Machine) -> ChangeLine | None:
-    """As `change_line`, to the line's own settings."""
+    """Change the line as `change_line` does, to its own settings."""
     own = m.scope.line.own
     return None if own is None else change_line(m, own.speed, str(own).partition(" ")[2])
 
@@ -817,7 +823,7 @@ def decoded(m: Machine, run: Run, names: Names, frames: tuple[str, ...], data: A
 
 
 def serve(m: Machine, run: Run, x: Exchange, request: Any, buffer: bytes, station: Any, check_only: bool) -> None:
-    """Has a request done; its answer stands in `reply`, `reply_buffer` and `refusal` then."""
+    """Serve a request; set `reply`, `reply_buffer` and `refusal` of the exchange."""
     if m.server is None:
         raise ValueError("nobody here serves requests")
     if type(request) is not FrameValue:

@@ -48,7 +48,7 @@ class State(enum.Enum):
     DONE = "done"
 
 
-# ---- what generators are sent ---------------------------------------------------------------------------------------
+# ---- values sent to generators --------------------------------------------------------------------------------------
 
 
 class Event:
@@ -102,7 +102,7 @@ class Failed:
         self.outcome, self.results = outcome, results
 
 
-# ---- what generators yield ------------------------------------------------------------------------------------------
+# ---- values that generators yield -----------------------------------------------------------------------------------
 
 NOT_TAKEN, AGAIN, RESTART = map(Event, ("NOT_TAKEN", "AGAIN", "RESTART"))
 
@@ -355,12 +355,12 @@ class Run:
 
 
 def after(start: int, time: int) -> int:
-    """`start` and `time` later; never stays never."""
+    """Return the moment `time` after `start`; NEVER stays NEVER."""
     return start + time if time < NEVER else NEVER
 
 
 def begin_clock(run: Run, now: int) -> None:
-    """The run begins to wait, or its clock is set anew."""
+    """Start, or restart, the clock of a waiting run."""
     waits = run.clock_waits = run.unsent > 0
     run.started = now
     run.within = within = NEVER if waits or run.longest >= NEVER else now + run.longest
@@ -369,9 +369,10 @@ def begin_clock(run: Run, now: int) -> None:
 
 
 def frame_arriving(run: Run, since: int, last: int, receiver_limits: bool) -> None:
-    """Bytes of a frame that fits so far: the first came at `since`, the last at `last`.
+    """Note bytes of a frame that fits so far: the first came at `since`, the last at `last`.
 
-    Where neither step nor receiver limits a pause, nor the step the whole, no pause may be longer than `within`.
+    If neither the step nor the receiver limits pauses, and the step does not limit the frame, no pause may be longer
+    than `within`.
     """
     if run.candidate is None:
         run.candidate = max(since, run.started)
@@ -385,7 +386,7 @@ def frame_arriving(run: Run, since: int, last: int, receiver_limits: bool) -> No
 
 
 def frame_gone(run: Run, now: int) -> None:
-    """It was no frame for this run after all."""
+    """Note that the arriving bytes were no frame for this run."""
     if run.candidate is not None:
         if run.within < NEVER:
             run.within += now - run.candidate
@@ -438,7 +439,7 @@ class SessionState:
         self.is_open = True
 
     def end(self) -> None:
-        """The session is over, however that came."""
+        """End the session and reset its variables."""
         self.is_open = False
         self.scope.reset_session()
         self.on_end()

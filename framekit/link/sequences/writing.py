@@ -235,7 +235,7 @@ class StepWriter:
     # ---- the generator ------------------------------------------------------------------------------------
 
     def write(self) -> None:
-        """The whole step."""
+        """Write the whole step."""
         with self.at(ENTRY):
             if self.repeats:
                 self.add("resends, sent = 0, None")
@@ -280,7 +280,7 @@ class StepWriter:
         self.add("continue" if self.doing == GOING else "break")
 
     def jump_to_end(self) -> None:
-        """Leaves with a failure; `outcome` says which."""
+        """Write the exit with a failure; `outcome` names it."""
         self.jump(len(self.sequence.steps) * BLOCKS)
 
     # ---- names and values ---------------------------------------------------------------------------------
@@ -299,7 +299,7 @@ class StepWriter:
         return ValueNames(SequenceNames(self, row is not None, row or ()), self.names)
 
     def expression(self, expression: Expression, row: tuple[str, ...] | None = None) -> str:
-        """Source of an expression; `row`: it stands in a row for these frames."""
+        """Return the source of an expression; `row`: it is part of a row for these frames."""
         return emit(expression.root, SequenceNames(self, row is not None, row or ()))
 
     @property
@@ -390,13 +390,13 @@ class StepWriter:
         self.add(f"{kept}send_built(m, run, x, {held}, value, {self.context_of(frame)})")
 
     def context_of(self, frame: str) -> str:
-        """Source of the names on which a frame is built."""
+        """Return the source of the names for building a frame."""
         return self.names if self.frames.reads(frame) & (OF_EXCHANGE | self.own.keys()) else "n"
 
     # ---- waiting ------------------------------------------------------------------------------------------
 
     def limits(self) -> None:
-        """The time limits of the wait that begins, or whose clock is set anew."""
+        """Write the time limits of a wait."""
         step = self.step
         if step.within is None and step.complete is None and step.gap is None:
             return
@@ -449,12 +449,12 @@ class StepWriter:
             self.handle("on_fail", self.handlers("on_fail").get("on_fail", ()), "outcome")
 
     def _always(self, rows: list[Row]) -> str:
-        """Source of the frames that rows for every step name."""
+        """Return the source of the frame names of rows; an empty name stands for expected frames."""
         named = tuple(dict.fromkeys(name for row in rows for name in (*row.frames, *(("",) if row.expected else ()))))
         return literal(named)
 
     def wait(self) -> None:
-        """Waits for the rows of the step."""
+        """Write the wait for the rows of the step."""
         step, sequence = self.step, self.sequence
         rows = [row for row in step.receive or () if is_plain_row(row)]
         queued = [row for row in step.receive or () if not is_plain_row(row)]
@@ -502,7 +502,7 @@ class StepWriter:
             self.add("continue")
 
     def rows(self, rows: list[Row], event: str) -> None:
-        """Tries rows on the frame that has come, in their order."""
+        """Write the tests of rows for a received frame, in their order."""
         for row in rows:
             tests = [f"got.frame in {literal(frozenset(row.frames))}"] if len(row.frames) > 1 else []
             tests += [f"got.frame == {quoted(name)}" for name in row.frames] if len(row.frames) == 1 else []
@@ -577,7 +577,7 @@ class StepWriter:
         return tuple(self._counted.values())
 
     def end(self) -> None:
-        """The sequence has come to its end, with its results."""
+        """Write the end of the sequence, with its results."""
         if self.listens:
             with self.out.block('if run.kind == "listen" and listens_again(m, run, x):'):
                 self.jump(-1)
@@ -658,7 +658,7 @@ class StepWriter:
         self.add(f"{counter} += 1")
 
     def exhausted(self) -> None:
-        """A limit of the step is used up."""
+        """Write the exit when a limit of the step is used up."""
         self._deep += 1
         if self._deep > 3:  # it can't end by going on with itself
             self.add('outcome = "exhausted"')

@@ -157,7 +157,7 @@ class Matching:
         except EVALUATION_ERRORS:
             return reading.problem is not None
 
-    # ---- what the functions call --------------------------------------------------------------------------
+    # ---- methods for the written functions ----------------------------------------------------------------
 
     def address_named(self, text: str) -> Address:
         """Return the place that an address says."""
@@ -178,7 +178,7 @@ class Matching:
         return self.facts.shared.grammar.views[area]
 
     def elsewhere(self, code: Any) -> None:
-        """No area of the row has the code."""
+        """Raise ElsewhereError: no area of the row has the code."""
         raise ElsewhereError(bool(self.codes.get(code)))
 
 
@@ -236,7 +236,7 @@ class RowWriter:
         return f"v{self._variables}"
 
     def let(self, level: WriterLevel, name: str, text: str) -> str:
-        """A name gets a value."""
+        """Write the assignment of a name and return its variable."""
         variable = self.variable()
         self.out.add(f"{variable} = {text}")
         level.put(name, variable)
@@ -359,7 +359,7 @@ class RowWriter:
             text = self.writer.object(constant)
             if isinstance(constant, Decimal):
                 self.unfit_if(f"not same_number({actual}, {text})")
-            elif padded and isinstance(constant, bytes):  # what follows is padding
+            elif padded and isinstance(constant, bytes):  # the rest is padding
                 self.unfit_if(f"not isinstance({actual}, bytes) or not {actual}.startswith({text})")
             else:
                 self.unfit_if(f"{actual} != {text}")
@@ -378,8 +378,9 @@ class RowWriter:
             level.padded = padded
 
     def _each(self, each: EachOf, actual: str) -> None:
-        """One item after the other is compared; their values stand in a list of tuples, one for all lists of the same
-        variables.
+        """Write the comparison of the items of a list.
+
+        The values of the items are in a list of tuples, shared by all lists with the same variables.
         """
         self.unfit_if(f"not isinstance({actual}, list)")
         part, found = self.variable(), self.variable()
@@ -403,7 +404,7 @@ class RowWriter:
     # ---- places -------------------------------------------------------------------------------------------
 
     def _targets(self) -> str | None:
-        """Writes which places are meant; the variable with the `AreaUnit` of the only one."""
+        """Write the selection of places; return the variable with the `AreaUnit` of the only place, else None."""
         level, out = self.level, self.out
         if not self.items_found:
             place = self._target(level)
@@ -433,7 +434,7 @@ class RowWriter:
         self.out.add(f"reading.targets.append(Target({place}, {start}, {count}, {level.memory}, {names}, {type_}))")
 
     def _target(self, level: WriterLevel) -> str | None:
-        """Writes what place the names of a level mean: the variable with its `AreaUnit`, None if they mean none."""
+        """Write the place that the names of a level mean; return the variable with its `AreaUnit`, or None."""
         back = self.back
         area, unit, fixed = self._area(level)
         if area is None and not back.keys() & {"area", "memory"}:
@@ -468,9 +469,9 @@ class RowWriter:
         return emit(value.root, Written(level, name in self.row.back_each))
 
     def _area(self, level: WriterLevel) -> tuple[str | None, str | None, AreaUnit | None]:
-        """Area and unit that the request names: by text, `back`, code, or because the row is for one area.
+        """Return the area and unit that the request names: by text, `back`, code, or because the row is for one area.
 
-        Where they are certain before a request comes: the area in its unit as well.
+        The third item is the area in its unit, if it is certain before a request comes.
         """
         row, back = self.row, self.back
         if "text" in back or ("text" in level.values and "text" not in self.arguments):
@@ -524,7 +525,7 @@ class RowWriter:
         return next((own for own in units if code_of(self.grammar.areas[area], own) == code), unit)
 
     def _solve(self, level: WriterLevel) -> None:
-        """The names whose values follow from what area it is; `back` goes before them."""
+        """Write the names whose values follow from the area; names of `back` go before them."""
         for inverse, actual in level.pending:
             if inverse.name in self.back:
                 continue
@@ -589,7 +590,7 @@ class RowWriter:
 
     @staticmethod
     def _type(level: WriterLevel, place: str) -> str:
-        """What its elements usually hold: as the address in the request says, else as all addresses of the place."""
+        """Return the source of the type of the elements: by the address in the request, else by the place."""
         return level.type or f"{place}.type"
 
     def _numbers_sent(self, level: WriterLevel) -> str | None:
@@ -645,7 +646,7 @@ class RowWriter:
             self.out.add(check)
 
     def _read(self, place: str) -> str:
-        """Writes the read; the variable with the data as they stand in the frame."""
+        """Write the read; return the variable with the data in the form of the frame."""
         level = self.level
         start, count = level.values["start"], level.values["count"]
         fixed, memory, data = self.writer.given(place), self.variable(), self.variable()
@@ -680,7 +681,7 @@ class RowWriter:
         self.out.add(f"return Served({reply}{'' if buffer is None else f', {self.values.value(buffer, names)}'})")
 
 
-# ---- what the functions call ------------------------------------------------------------------------------
+# ---- functions for the written functions ------------------------------------------------------------------
 
 
 def part_of(actual: Any, name: str) -> Any:
@@ -711,7 +712,7 @@ def layout_read(decode: Callable[..., dict[str, Any]], data: Any, names: Names, 
 
 
 def numbers_there(numbers: Any, count: int, unit: str, type_: str | None) -> bytes:
-    """Numbers of a request in memory's form. Raise PackingError."""
+    """Return the numbers of a request in memory's form. Raise PackingError."""
     if not isinstance(numbers, list) or len(numbers) != count:
         raise PackingError(f"{count} values are wanted, not {len(numbers) if isinstance(numbers, list) else numbers!r}")
     return memory_of_numbers(numbers, unit, type_)
@@ -725,12 +726,12 @@ def the_only(numbers: list[Any]) -> Any:
 
 
 def cannot_be(there: AreaUnit, start: int, count: int) -> None:
-    """A place before the first, or fewer elements than none."""
+    """Raise MemoryRangeError for a place before the first, or a negative number of elements."""
     raise MemoryRangeError(f"{count} × {there.unit} from {start} on cannot be")
 
 
 def no_data() -> None:
-    """A write without data."""
+    """Raise MemoryRangeError for a write without data."""
     raise MemoryRangeError("the request brings no data to write")
 
 
@@ -752,7 +753,7 @@ def wrong_place(
 
 
 def set_missing(names: Names, values: Mapping[str, Any]) -> None:
-    """Names get these values where they have none."""
+    """Set names that have no value to these values."""
     for name, value in values.items():
         names.setdefault(name, value)
 

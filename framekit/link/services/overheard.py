@@ -143,10 +143,10 @@ class Overheard:
                 yield from self._elements(asked.station, target, memory)
 
     def _elements(self, station: Any, target: MatchTarget, memory: bytes) -> Iterator[KnownValue]:
-        """Each element of a place, if its address can be written."""
+        """Yield each element of a place, if its address can be written."""
         unit, start, count = target.unit.unit, target.start, target.count
         name, parts = target.unit.name, {}
-        if name is None:  # its row names the memory itself, and says besides what it is there
+        if name is None:  # the row names the memory and, in addition, the area
             name, parts = str(target.names.get("area")), dict(target.names)
         area = self.shared.protocol.areas.get(name)
         if area is None:

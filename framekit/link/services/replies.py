@@ -263,7 +263,7 @@ class FindWriter:
 
 
 def _of_numbers(numbers: list[Any], piece: Piece) -> bytes:
-    """Numbers of a reply in memory's form. Raise UnfitReplyError and PackingError."""
+    """Return the numbers of a reply in memory's form. Raise UnfitReplyError and PackingError."""
     if len(numbers) != piece.count:
         raise UnfitReplyError(f"the reply has {len(numbers)} values, not {piece.count}")
     return memory_of_numbers(numbers, piece.address.unit, piece.address.type)

@@ -54,13 +54,13 @@ class WriterLevel:
 
     @property
     def items(self) -> str:
-        """Source of a dictionary of all known names."""
+        """Return the source of a dictionary of all known names."""
         parts = f"**{self.parts}, " if self.parts else ""
         return f"{{{parts}{', '.join(f'{name!r}: {value}' for name, value in self.values.items())}}}"
 
     @property
     def known(self) -> str:
-        """Source of `Names` with all known names."""
+        """Return the source of `Names` with all known names."""
         return f"Names({self.items}, {KNOWN})" if self.parts or self.values else KNOWN
 
     @property

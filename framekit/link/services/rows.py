@@ -108,7 +108,7 @@ class RowFacts:
         self.packers = Packers(row.packing)
 
     def _named_numbers(self) -> dict[str, Mapping[str, int]]:
-        """Arguments that go as they are into fields whose numbers have names: argument → those numbers by name."""
+        """Return the arguments that become fields with named numbers, with these numbers by name."""
         found: dict[str, Mapping[str, int]] = {}
         for frame in parts_of(self.row.request, FrameOf):
             numbers = self.shared.table.infos[frame.frame].numbers
@@ -132,9 +132,9 @@ class RowFacts:
         return True
 
     def names(self, address: Address, count: int) -> dict[str, Any]:
-        """The names this row has of `count` elements at an address, those about data and parts of transfers aside.
+        """Return the names that this row has for `count` elements at an address, without data and parts of transfers.
 
-        Raise AddressError if the row sends the address as text and no form shows it.
+        Raise AddressError if the row sends the address as text and no form prints it.
         """
         grammar = self.shared.grammar
         packer = self.packers[address.unit]
@@ -156,7 +156,7 @@ class RowFacts:
 
 
 def rules(refusals: Sequence[Refusal]) -> list[Rule]:
-    """Refusals of a definition, compiled."""
+    """Return the refusals of a definition, compiled."""
     return [
         (compile_expression(rule.when), compile_expression(rule.code), "buffer" in names_in(rule.when.root))
         for rule in refusals
@@ -191,7 +191,7 @@ class Piece:
         return self.count * self.address.unit_bits
 
     def cut(self, start: int, count: int, moved: Address) -> Piece:
-        """`count` elements of this piece from its element `start` on, which stand at `moved`."""
+        """Return `count` elements of this piece from its element `start` on, at the address `moved`."""
         width = self.address.unit_bits
         data = None if self.data is None else cut_memory(self.data, start * width, count * width)
         return Piece(moved, count, data, self.done + start)
@@ -293,7 +293,7 @@ class Planner:
         return self._exchanges(facts, pieces, offered), skip * piece.address.unit_bits
 
     def has_list(self, facts: RowFacts, piece: Piece, names: Names) -> bool:
-        """Whether a request of the row has a list that these elements may be in, where its lists are for some only."""
+        """Return whether a list of the row's requests accepts these elements; True if its lists have no conditions."""
         if not facts.lists:
             return True
         offered = Names(self._offered(facts, piece, piece.address.start, piece.count), names)
@@ -303,7 +303,10 @@ class Planner:
             return False
 
     def _aligned(self, facts: RowFacts, piece: Piece) -> tuple[Piece, int] | None:
-        """The range widened to whole units of `align`, and how many are added in front; None for an unaligned write."""
+        """Return the range widened to whole units of `align`, and the number of elements added in front.
+
+        None for an unaligned write.
+        """
         step = self._step(facts, piece)
         start, end = piece.address.start, piece.address.start + piece.count
         low, high = start - start % step, -(-end // step) * step
@@ -374,7 +377,7 @@ class Planner:
         return one.facts is other.facts and (same is None or getattr(_place(one), same) == getattr(_place(other), same))
 
     def _joined(self, plans: list[Plan], names: Names) -> list[Plan]:
-        """Plans of one row as few exchanges; a plan that had to be aligned stays alone."""
+        """Return the plans of a row joined into few exchanges; an aligned plan stays separate."""
         if not plans or any(sum(p.bits for e in plan.exchanges for p in e) != plan.bits for plan in plans):
             return plans
         facts = plans[0].facts
@@ -385,7 +388,7 @@ class Planner:
         return [Plan(facts, exchanges, pieces[0].address.start, total, 0, sum(piece.bits for piece in pieces))]
 
     def grouped(self, facts: RowFacts, pieces: Sequence[Piece], offered: Names) -> tuple[tuple[Piece, ...], ...]:
-        """Pieces as lists that one request can carry."""
+        """Return the pieces in groups that one request can carry."""
         most_bytes = None if facts.limit_bytes is None else self._limit(facts, facts.limit_bytes, offered)
         exchanges: list[list[Piece]] = []
         used = 0
@@ -431,7 +434,7 @@ TYPES = ("time", "number", "decimal", "flag", "choice", "text", "bytes", "list")
 
 
 def arguments_of(facts: RowFacts, given: Mapping[str, Any], names: Names) -> dict[str, Any]:
-    """The values of all arguments of a row, by name. Raise ServiceError for all that are unknown, missing or unfit."""
+    """Return the values of all arguments of a row, by name. Raise ServiceError for unknown, missing and unfit ones."""
     row = facts.row
     values: dict[str, Any] = {}
     problems: list[str] = []
@@ -459,7 +462,7 @@ def arguments_of(facts: RowFacts, given: Mapping[str, Any], names: Names) -> dic
 
 
 def _misnamed(row: ServiceRow, given: Mapping[str, Any]) -> Iterator[str]:
-    """Arguments without which the row cannot be called, and those that it does not take."""
+    """Yield messages about missing and unknown arguments."""
     known = [argument.name for argument in row.takes]
     missing = [f"'{one.name}'" for one in row.takes if one.default is None and one.name not in given]
     if missing:

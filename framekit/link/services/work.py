@@ -252,7 +252,7 @@ class Work:
             told(_told_name(target, key), None if before is NOT_HELD else before, after)
 
     def _do_update(self, update: Evaluate, reading: MatchedRow) -> None:
-        """Reads, changes and writes element by element; all places are validated before the first is written."""
+        """Read, change and write elements; all places are validated before the first write."""
         todo: list[tuple[Span, Names]] = []
         for names in _levels(self._each, self._each_as, reading.names):
             if self._span is None:
@@ -331,7 +331,7 @@ def _told_name(target: SetTarget, key: Any) -> str:
 
 
 def assign(scope: Scope, target: SetTarget, key: Any, value: Any) -> None:
-    """`name`, `name[key]`, `name.field` or `name[key].field` of the state becomes `value`."""
+    """Set `name`, `name[key]`, `name.field` or `name[key].field` of the state to `value`."""
     if target.key is None and target.field is None:
         scope.set(target.name, value)
     elif target.key is None:
