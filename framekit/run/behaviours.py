@@ -509,8 +509,8 @@ class Behaving:
     """The behaviours of one device over its memory.
 
     `behaviours` are in the order of their computation: a behaviour comes after those that its formula reads. `name` is
-    the name of the device; it is part of the seed, so that devices differ. `told` is a callback for values that cannot
-    be computed; a message that repeats is passed once.
+    the name of the device; it is part of the seed, so that devices differ. A callback receives a message for each value
+    that cannot be computed; a message that repeats is passed once.
     """
 
     def __init__(self, behaviours: Sequence[Behaviour], memory: DeviceMemory, name: str, told: Told) -> None:
