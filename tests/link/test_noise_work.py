@@ -294,8 +294,10 @@ frames:
         assert count < 60
 
 
-MOST_BY_NUMBER = 75
-"""Calls for each byte of starts and damaged frames, of which a new one comes every two to eleven bytes: 67 at most."""
+MOST_BY_NUMBER = 120
+"""Calls for each byte of starts and damaged frames, of which a new one comes every two to eleven bytes: 109 at most.
+
+The faults of two candidates are compared for each bad frame: the innermost fault of the better candidate is reported."""
 
 
 @pytest.mark.long
