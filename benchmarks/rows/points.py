@@ -2,15 +2,13 @@
 
 Twenty points of one device are joined to one request; 200 points of 20 devices are 20 requests. The loop by hand, over
 pymodbus's client, does the same work: one task for each device sleeps until the next period, reads, scales each
-register and keeps value, quality and time. The responder sends other values in each reply. The rows with uvloop (where
-it is installed) compare the run in its loop with the run in the loop of asyncio.
+register and keeps value, quality and time. The responder sends other values in each reply.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-import importlib.util
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
@@ -22,7 +20,6 @@ from pymodbus.client import AsyncModbusTcpClient
 from benchmarks.measure import interleave
 from benchmarks.responder import responder
 from benchmarks.row import Row, slower
-from framekit.api.event_loop import new_event_loop
 from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
 from framekit.transport.clock import AsyncioClock
@@ -119,20 +116,15 @@ def measure(
 
 
 def run(rounds: int) -> list[Row]:
-    has_uvloop = importlib.util.find_spec("uvloop") is not None
     rows = []
     with contextlib.ExitStack() as stack:
         port = stack.enter_context(responder("counting"))
         for what, shape in SHAPES.items():
             loops = {"run": (asyncio.new_event_loop, run_of_points), "by hand": (asyncio.new_event_loop, loop_by_hand)}
-            if has_uvloop:
-                loops["run in uvloop"] = new_event_loop, run_of_points
             measures = {
                 name: (lambda make=make, reader=reader, shape=shape: measure(make, reader, port, shape))
                 for name, (make, reader) in loops.items()
             }
             found = interleave(measures, rounds)
             rows.append(slower(what, "loop over pymodbus", found["run"], found["by hand"], None))
-            if has_uvloop:
-                rows.append(slower(f"{what}, uvloop", "asyncio", found["run in uvloop"], found["run"], None))
     return rows

@@ -80,7 +80,6 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_run(arguments: argparse.Namespace) -> int:
     from framekit.api.check import loads_of
-    from framekit.api.event_loop import run_in_loop
     from framekit.api.run import content_of, reads_only
     from framekit.api.run import loaded as load_run
     from framekit.cli.run_output import JsonOutput, TextOutput
@@ -134,7 +133,7 @@ def run_run(arguments: argparse.Namespace) -> int:
             assert duration is not None
             ended = _virtual(loaded, output, watch, duration)
         else:
-            ended = run_in_loop(_real(arguments, watch, began_with, make_output, output, loaded, duration))
+            ended = asyncio.run(_real(arguments, watch, began_with, make_output, output, loaded, duration))
     except BrokenPipeError:
         raise
     except OSError as error:

@@ -98,8 +98,6 @@ def add_serve_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_serve(arguments: argparse.Namespace) -> int:
-    from framekit.api.event_loop import run_in_loop
-
     begin_log(arguments.log)
     duration, every = duration_of(arguments.duration), period_of(arguments.status_every)
     server = server_of(arguments)
@@ -108,7 +106,7 @@ def run_serve(arguments: argparse.Namespace) -> int:
     if arguments.screen:
         return show(ServeSession(server, duration))
     with contextlib.suppress(asyncio.CancelledError):
-        return run_in_loop(_serve(arguments, server, duration, every, WebPage(arguments)))
+        return asyncio.run(_serve(arguments, server, duration, every, WebPage(arguments)))
     return 0
 
 

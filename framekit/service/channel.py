@@ -147,7 +147,7 @@ class ChannelService:
             and protocol.line.kind == "serial"
             and port.settings is not None
         ):
-            self.engine.examine_replies(has_exact_times=not isinstance(clock, AsyncioClock))
+            self.engine.examine_replies(port.has_exact_times or not isinstance(clock, AsyncioClock))
         self.driver = Driver(self.engine, port, clock, self._on_state, moment)
         self.receive_for(receiving)
         self.client = client = Client(protocol, codec, self.engine) if protocol.services else None

@@ -84,7 +84,7 @@ class ClientService:
         )
         engine.late.slow.on_change = self._slow
         if protocol.line.kind == "serial" and port.settings is not None:
-            engine.examine_replies(has_exact_times=not isinstance(clock, AsyncioClock))
+            engine.examine_replies(port.has_exact_times or not isinstance(clock, AsyncioClock))
         self.client = Client(protocol, codec, engine)
         self.driver = Driver(engine, port, clock, self._state)
         self._sending: list[Callable[[bool], None]] = []

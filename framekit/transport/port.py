@@ -55,6 +55,8 @@ class Port(ABC):
     """
 
     name: str
+    has_exact_times = False
+    """Whether the port reports when each bit came and left; simulated ports do."""
     settings: LineFormat | None
     """Speed and format at opening; None if the port has no baud rate."""
     opens_again = True
@@ -168,6 +170,7 @@ class PassingPort(Port, PortEvents):
         self.settings = inner.settings
         self.opens_again = inner.opens_again
         self.in_time = inner.in_time
+        self.has_exact_times = inner.has_exact_times
         self.events: PortEvents | None = None
 
     def forget(self) -> None:

@@ -270,6 +270,8 @@ class SimulatedPort(Port):
     `connection`. `fault`: applied to transmissions of this port, before the fault of the line.
     """
 
+    has_exact_times = True
+
     def __init__(self, line: SimulatedLine, name: str, in_time: bool) -> None:
         self.line = line
         self.name = name

@@ -297,7 +297,7 @@ frames:
 MOST_BY_NUMBER = 120
 """Calls for each byte of starts and damaged frames, of which a new one comes every two to eleven bytes: 109 at most.
 
-The faults of two candidates are compared for each bad frame: the innermost fault of the better candidate is reported."""
+The faults of two candidates are compared for each bad frame: the innermost fault of the better one is reported."""
 
 
 @pytest.mark.long
