@@ -97,9 +97,7 @@ async def loop_by_hand(port: int, devices: int, each: int, period: int) -> Async
             client.close()
 
 
-def measure(
-    make_loop: Callable[[], asyncio.AbstractEventLoop], reader: Reader, port: int, shape: tuple[int, int, int]
-) -> float:
+def measure(reader: Reader, port: int, shape: tuple[int, int, int]) -> float:
     """Return the processor time of a reading (seconds)."""
 
     async def measured() -> float:
@@ -111,8 +109,7 @@ def measure(
             assert readings > SECONDS * 1000 / shape[2] / 10, f"{readings} readings"
             return took / readings
 
-    with asyncio.Runner(loop_factory=make_loop) as runner:
-        return runner.run(measured())
+    return asyncio.run(measured())
 
 
 def run(rounds: int) -> list[Row]:
@@ -120,10 +117,10 @@ def run(rounds: int) -> list[Row]:
     with contextlib.ExitStack() as stack:
         port = stack.enter_context(responder("counting"))
         for what, shape in SHAPES.items():
-            loops = {"run": (asyncio.new_event_loop, run_of_points), "by hand": (asyncio.new_event_loop, loop_by_hand)}
+            readers = {"run": run_of_points, "by hand": loop_by_hand}
             measures = {
-                name: (lambda make=make, reader=reader, shape=shape: measure(make, reader, port, shape))
-                for name, (make, reader) in loops.items()
+                name: (lambda reader=reader, shape=shape: measure(reader, port, shape))
+                for name, reader in readers.items()
             }
             found = interleave(measures, rounds)
             rows.append(slower(what, "loop over pymodbus", found["run"], found["by hand"], None))

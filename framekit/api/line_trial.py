@@ -5,7 +5,7 @@ evidence, and a damaged character is counter-evidence; repetitions after the sam
 do not occur in real data: that the lowest bit of all characters is 0, or the eighth bit 1. They come from the start bit
 and the idle state of a line that is slower, or has a shorter format. If eight bits always have the same parity, the
 eighth is a parity bit. Each value with a regularity halves the probability of chance. All evidence is counted in
-bits: 10 bits are odds of a thousand to one.
+bits: 10 bits are a probability of chance of 1 in 1,024.
 
 A wrong speed may still give undamaged characters, especially if the right speed is not among those tried. So the best
 are tested at twice their speed: there each bit must occur twice. Only a result that passes this test is called sure.
@@ -260,7 +260,7 @@ class LineTrial(PortEvents):
     """Listens to a port with each of `lines` for `each` ns; `on_end(verdict, why)` is called once, `why` for a lost
     port.
 
-    Each result is passed to `told`. The port is opened once, and its speed and format are changed.
+    `on_result` gets the result of each line. The port is opened once, and its speed and format are changed.
     """
 
     def __init__(
@@ -271,14 +271,14 @@ class LineTrial(PortEvents):
         on_end: Callable[[Verdict, str], None],
         *,
         each: int = EACH,
-        told: Callable[[HeardAt], None] = lambda heard: None,
+        on_result: Callable[[HeardAt], None] = lambda heard: None,
     ) -> None:
         self.heard = [HeardAt(line) for line in lines]
         self.doubles: list[HeardAt] = []
         self._port = port
         self._clock = clock
         self._on_end = on_end
-        self._told = told
+        self._on_result = on_result
         self._each = each
         self._waiting: list[HeardAt] = list(self.heard)
         self._now_at: HeardAt | None = None
@@ -340,7 +340,7 @@ class LineTrial(PortEvents):
         self._listens = False
         heard, self._now_at = self._now_at, None
         if heard is not None:
-            self._told(heard)
+            self._on_result(heard)
         self._clock.call_soon(self._go_on)
 
     def _go_on(self) -> None:
@@ -388,7 +388,7 @@ class LineTrial(PortEvents):
             self._end(reason)
             return
         heard.problem = reason
-        self._told(heard)
+        self._on_result(heard)
         self._port.open(self)
 
 
@@ -397,7 +397,7 @@ SETTLING = 30_000_000
 
 
 async def try_lines(
-    url: str, lines: Sequence[LineFormat], *, each: int, told: Callable[[HeardAt], None],
+    url: str, lines: Sequence[LineFormat], *, each: int, on_result: Callable[[HeardAt], None],
     begun: Callable[[LineTrial], None],
 ) -> Verdict:  # fmt: skip
     """Listen to a port with each of `lines`; `begun` gets the trial, which can be stopped.
@@ -415,7 +415,7 @@ async def try_lines(
     except ValueError as error:
         raise RequestError(str(error)) from None
     trial = LineTrial(
-        port, clock, lines, lambda verdict, why: ended.set_result((verdict, why)), each=each, told=told
+        port, clock, lines, lambda verdict, why: ended.set_result((verdict, why)), each=each, on_result=on_result
     )  # fmt: skip
     begun(trial)
     trial.start()

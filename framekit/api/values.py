@@ -37,7 +37,7 @@ class Reading(Sequence[T], Generic[T]):
 
     @property
     def value(self) -> T:
-        """Return the first value, which is the only value of a read of one."""
+        """Return the first value: the only value if a single element was read."""
         return self.values[0]
 
     @overload

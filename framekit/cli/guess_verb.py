@@ -74,18 +74,18 @@ def _of_definition(arguments: argparse.Namespace, chunks: list[HeardBytes], page
     with ProgressLine("guess"):
         reading = reading_of(arguments.definition, chunks)
 
-    def tell() -> None:
+    def print_results() -> None:
         print_json(reading.data) if arguments.json else print(reading.text)
 
     if page.server is None:
-        tell()
+        print_results()
         return 0 if reading.data["frames"] else 1
     from framekit.api.hex_table import definition_table
     from framekit.web.hex_session import HexBoard
 
     title = f"{_named(arguments.files)} with {arguments.definition}"
     board = HexBoard(title, definition_table(arguments.definition, chunks), [], behaviours=reading.data["fields"])
-    _show(arguments, page, board, tell, "")
+    _show(arguments, page, board, print_results, "")
     return 0
 
 
@@ -99,7 +99,7 @@ def _of_guess(arguments: argparse.Namespace, chunks: list[HeardBytes], page: Web
         points = heard_points(known[0].name, chunks) if known else []
     source = _named(arguments.files)
 
-    def tell() -> None:
+    def print_results() -> None:
         if arguments.json:
             values = {point.name: point.values for point in points}
             rows = [{"protocol": one.name, "frames": one.frames} for one in known]
@@ -116,7 +116,7 @@ def _of_guess(arguments: argparse.Namespace, chunks: list[HeardBytes], page: Web
             write(found, arguments.write, source)
 
     if page.server is None:
-        tell()
+        print_results()
         return 0
     from framekit.api.draft import DraftError, NamedGuess, protocol_name
     from framekit.api.hex_table import guessed_table
@@ -132,7 +132,7 @@ def _of_guess(arguments: argparse.Namespace, chunks: list[HeardBytes], page: Web
     except DraftError as error:
         raise VerbError(str(error)) from None
     board = HexBoard(source, guessed_table(found), [*known_statements, *found.statements], names)
-    _show(arguments, page, board, tell, "name fields" if names is not None else "")
+    _show(arguments, page, board, print_results, "name fields" if names is not None else "")
     return 0
 
 
@@ -141,9 +141,9 @@ def _named(files: list[Path]) -> str:
 
 
 def _show(
-    arguments: argparse.Namespace, page: WebPage, board: HexBoard, tell: Callable[[], None], to: str
+    arguments: argparse.Namespace, page: WebPage, board: HexBoard, print_results: Callable[[], None], to: str
 ) -> None:  # fmt: skip
-    """Show the page until the time is over, or SIGINT or SIGTERM arrives; `tell` prints the results.
+    """Show the page until the time is over, or SIGINT or SIGTERM arrives.
 
     In text output the address of the page comes last, in JSON first.
     """
@@ -153,10 +153,10 @@ def _show(
         ended = asyncio.Event()
         on_stop(ended.set)
         if not arguments.json:
-            tell()
+            print_results()
         async with page.shows(board, to):
             if arguments.json:
-                tell()
+                print_results()
             await until(duration, ended)
 
     asyncio.run(shown())

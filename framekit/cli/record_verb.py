@@ -247,7 +247,7 @@ async def _try(arguments: argparse.Namespace, stopped: asyncio.Event) -> Verdict
             f"{max(seconds, 1):.0f} s at most; nothing is sent"
         )
     with in_words():
-        verdict = await try_lines(arguments.ports[0], lines, each=each, told=told, begun=begun)
+        verdict = await try_lines(arguments.ports[0], lines, each=each, on_result=told, begun=begun)
     _show_verdict(verdict, arguments.json)
     return verdict
 

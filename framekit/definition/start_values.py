@@ -111,13 +111,11 @@ class StartValues:
     # ---- fields of records --------------------------------------------------------------------------------
 
     def _field(self, name: str, segment: Segment, given: GivenValue) -> Any:
-        if isinstance(segment, Repeat) and segment.plain_type is None:
+        if isinstance(segment, Repeat):
             if given.items is None:
                 raise self._wrong(given.at, f"'{name}' is a list", "write […]")
-            return [self._record(segment.members, item) for item in given.items]
-        if isinstance(segment, Repeat) and segment.plain_type is not None:
-            if given.items is None:
-                raise self._wrong(given.at, f"'{name}' is a list", "write […]")
+            if segment.plain_type is None:
+                return [self._record(segment.members, item) for item in given.items]
             return [self._typed(name, segment.plain_type, item) for item in given.items]
         if segment.is_record:
             return self._record(segment.members, given)

@@ -179,7 +179,7 @@ new_tuple = tuple.__new__
 Arrival = FrameArrived | BadFrame | Noise
 
 
-class ToldBytes:
+class ReportedBytes:
     """The end of the bytes that were reported as bad frames, so that noise does not repeat them."""
 
     __slots__ = ("_end",)

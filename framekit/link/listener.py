@@ -12,7 +12,7 @@ from typing import Any, Literal
 from framekit.codec.shown import code_text, explain
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER, LineFormat, parse_format
-from framekit.link.arrivals import Arrival, BadFrame, FrameArrived, ToldBytes
+from framekit.link.arrivals import Arrival, BadFrame, FrameArrived, ReportedBytes
 from framekit.link.events import CharacterFault, Kind, LinkCounters, Monitor, Seen
 from framekit.link.frame_table import ProtocolCodec, announce, table_of
 from framekit.link.receiver import Receiver
@@ -35,7 +35,7 @@ class _Wires:
         self.direction: Direction = direction
         self.side = side
         self.cut_at = NEVER
-        self.told = ToldBytes()
+        self.reported = ReportedBytes()
 
 
 class Listener:
@@ -189,7 +189,7 @@ class Listener:
                 )
             )  # fmt: skip
         elif isinstance(found, BadFrame):
-            wires.told.bad(found)
+            wires.reported.bad(found)
             self.counters.bad += 1
             self.monitor(
                 Seen(
@@ -197,7 +197,7 @@ class Listener:
                     started_at=found.started_at, segment=found.segment, place=found.place,
                 )
             )  # fmt: skip
-        elif count := wires.told.new_bytes(found):
+        elif count := wires.reported.new_bytes(found):
             self.counters.noise_bytes += count
             reason = "what a bad frame left" if found.skipped else ""
             left = found.data[-count:]

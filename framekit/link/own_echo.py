@@ -72,7 +72,7 @@ class OwnEcho:
     __slots__ = ("_copy", "_first", "_has_exact_times", "_heard", "state")
 
     def __init__(self, first: EchoState = EchoState.ABSENT, has_exact_times: bool = False) -> None:
-        """`has_exact_times`: the port reports when each bit came and left; simulated ports do in simulated time."""
+        """`has_exact_times`: the port reports when each bit came and left; simulated ports do."""
         self.state = self._first = first
         self._has_exact_times = has_exact_times
         self._heard: Transmission | None = None

@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any
 
 from framekit.definition.times import NEVER
-from framekit.link.arrivals import BadFrame, FrameArrived, Noise, ToldBytes
+from framekit.link.arrivals import BadFrame, FrameArrived, Noise, ReportedBytes
 from framekit.link.candidates import ExpectedFrames
 from framekit.link.sequences.runtime import Machine
 from framekit.link.sequences.state import Plan, Run, State, frame_arriving, frame_gone
@@ -36,7 +36,7 @@ class Reception:
         """Whether a frame has begun to arrive for a waiting run since the receiver was without bytes."""
         self.cutting = False
         """Whether frames are broken off because a time limit has run out; they are only shown."""
-        self._reported = ToldBytes()
+        self._reported = ReportedBytes()
         replies = machine.late.expected.frames  # first: the bytes of a reply may fit a request too
         self._all = tuple(sorted(machine.table.on_line, key=lambda name: name not in replies))
         self.looked: ExpectedFrames | None = receiver.expect(self._all)

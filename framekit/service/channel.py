@@ -29,7 +29,7 @@ from framekit.run.transfer import BlockStarts, BlockTransfers, Ended, Read, neig
 from framekit.service.device import DeviceService, ListeningPort, devices_of, port_for
 from framekit.service.driver import Driver, Moment
 from framekit.service.written import NamedMemory, NamedServer, begun_log, client_of
-from framekit.transport.clock import AsyncioClock, Clock
+from framekit.transport.clock import Clock
 from framekit.transport.port import Port
 
 log = logging.getLogger(__name__)
@@ -147,7 +147,7 @@ class ChannelService:
             and protocol.line.kind == "serial"
             and port.settings is not None
         ):
-            self.engine.examine_replies(port.has_exact_times or not isinstance(clock, AsyncioClock))
+            self.engine.examine_replies(port.has_exact_times)
         self.driver = Driver(self.engine, port, clock, self._on_state, moment)
         self.receive_for(receiving)
         self.client = client = Client(protocol, codec, self.engine) if protocol.services else None

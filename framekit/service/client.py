@@ -23,7 +23,7 @@ from framekit.memory.memory import DeviceMemory
 from framekit.run.own_memory import AddressedMemory
 from framekit.runfile.devices import memory_of
 from framekit.service.driver import Driver
-from framekit.transport.clock import AsyncioClock, Clock
+from framekit.transport.clock import Clock
 from framekit.transport.port import Port
 
 log = logging.getLogger(__name__)
@@ -84,7 +84,7 @@ class ClientService:
         )
         engine.late.slow.on_change = self._slow
         if protocol.line.kind == "serial" and port.settings is not None:
-            engine.examine_replies(port.has_exact_times or not isinstance(clock, AsyncioClock))
+            engine.examine_replies(port.has_exact_times)
         self.client = Client(protocol, codec, engine)
         self.driver = Driver(engine, port, clock, self._state)
         self._sending: list[Callable[[bool], None]] = []

@@ -11,10 +11,10 @@ from framekit.definition.problems import visible
 from framekit.web.access import Access
 
 LONGEST_TEXT = 300
+"""Largest number of characters of a text from a browser."""
+
 LARGEST_NUMBER = 2**53
-"""Largest number of characters of a text from a browser; largest number up to which JavaScript has every whole
-number.
-"""
+"""Largest number from a browser: up to it JavaScript has every whole number."""
 
 Message = dict[str, Any]
 Told = Mapping[str, Any]

@@ -185,7 +185,9 @@ def test_where_damage_is_not_seen_only_text_speaks_for_a_speed() -> None:
 def tried(port: UartPort, clock: VirtualClock, lines: list[LineFormat], stop_after: int = 0) -> tuple[Verdict, str]:
     ended: list[tuple[Verdict, str]] = []
     told: list[str] = []
-    trial = LineTrial(port, clock, lines, lambda *end: ended.append(end), told=lambda one: told.append(str(one.line)))
+    trial = LineTrial(
+        port, clock, lines, lambda *end: ended.append(end), on_result=lambda one: told.append(str(one.line))
+    )
     trial.start()
     if stop_after:
         clock.run_for(stop_after)

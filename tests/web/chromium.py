@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -105,8 +106,11 @@ def program(folder: Path, *words: str, **environment: str) -> Iterator[tuple[str
         try:
             assert there.stdout is not None
             told = json.loads(there.stdout.readline())
+            threading.Thread(target=there.stdout.read, daemon=True).start()  # a full pipe would stop the program
             yield told["url"], told.get("token", "")
         finally:
             there.send_signal(signal.SIGINT)
-            _, trouble = there.communicate(timeout=60)
+            there.wait(timeout=60)
+        assert there.stderr is not None
+        trouble = there.stderr.read()
     assert (there.returncode, trouble) == (0, "")

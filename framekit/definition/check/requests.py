@@ -368,7 +368,7 @@ def _compared(values: list[Value]) -> Iterator[Expression]:
                 yield from _compared(list(items))
 
 
-TODO = "tell them apart by a constant in the request or by when:, or add client_only: yes"
+REMEDY = "tell them apart by a constant in the request or by when:, or add client_only: yes"
 
 
 def check_unserved(protocol: Protocol) -> Iterator[Problem]:
@@ -387,7 +387,7 @@ def check_unserved(protocol: Protocol) -> Iterator[Problem]:
                     what = f"a server never comes to this row of {row.service}: it reads every '{row.request.frame}' "
                     where = "" if one.at.file == row.at.file else f" of {Path(one.at.file).name}"
                     what += f"that fits here by the row of {one.service} in line {one.at.line}{where}"
-                    yield Problem(row.at, what, TODO)
+                    yield Problem(row.at, what, REMEDY)
                 break
         earlier.append(row)
 
