@@ -121,5 +121,7 @@ def _constant(name: str, expression: Expression | None) -> dict[str, Any]:
 
 
 def _empty(variable: StateVariable) -> dict[str, Any]:
-    empty: dict[str, Any] = {"text": "", "bytes": b"", "list": [], "record": {}, "frame": None, "f32": 0.0, "f64": 0.0}
+    if variable.type == "bytes":
+        return {variable.name: bytes(variable.size or 0)}
+    empty: dict[str, Any] = {"text": "", "list": [], "record": {}, "frame": None, "f32": 0.0, "f64": 0.0}
     return {variable.name: empty.get(variable.type, 0)}

@@ -23,7 +23,7 @@ Infos = tuple[FrameInfo, ...]
 class Group:
     """Candidates that are measured by equal functions, so that one call measures all of them."""
 
-    __slots__ = ("_sizes", "extent", "infos", "may_fit", "measure", "members", "name")
+    __slots__ = ("extent", "infos", "may_fit", "measure", "members", "name", "sizes")
 
     def __init__(self, members: Sequence[tuple[int, FrameInfo]]) -> None:
         self.members = tuple(members)
@@ -32,16 +32,17 @@ class Group:
         first = self.infos[0]
         self.name = first.name
         """The name of the first frame: the key under which the progress of measuring is remembered."""
-        self._sizes = None if first.sizes is NO_SIZES else first.sizes
+        self.sizes = None if first.sizes is NO_SIZES else first.sizes
+        """The sizes by one byte; None if they do not depend on one byte: then only `measure` determines the size."""
         self.extent, self.measure = first.extent, first.measure
         self.may_fit = any_intact(self.infos)
         """A quick look that is false for bytes that are no good frame of the group."""
 
     def size(self, buffer: bytes | bytearray, place: int, end: int, quiet: int, lost: int) -> int | None:
         """Return the result of measuring `buffer[place:end]` if the table of sizes determines it."""
-        if self._sizes is None:
+        if self.sizes is None:
             return None
-        at, sizes, counted, most = self._sizes
+        at, sizes, counted, most = self.sizes
         at += place
         size = sizes[buffer[at]] if at < end else None
         if not size:

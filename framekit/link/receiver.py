@@ -413,7 +413,7 @@ class Receiver:
         self._needs_silence, self._stop = False, UNASKED
         limit, is_cut = self.pauses.reach(self._now)
         is_new, passed = base + first >= self._bad_until, 0
-        if not (is_new or is_marked or self._seen):  # up to there only good frames and unfinished frames matter
+        if not (is_new or is_marked):  # up to there only good frames and unfinished frames matter
             passed = (self._bad_end if rules.resync == "after_frame" else self._bad_until) - base
         end, place = first + 1, first
         while place < end:
@@ -423,9 +423,11 @@ class Receiver:
             at = place + here.skip_at
             skip = here.skips[buffer[at]] if at < limit and not is_marked else None
             is_open = skip is None or (skip and (is_new or limit - place <= skip))
-            if is_open and not (place < passed and self._passes(here, place, limit, is_cut)):
-                if first < place and start.has_quick_row(buffer, place, limit):
-                    break
+            if is_open and place < passed and not (self._seen and base + place == self._seen_at):
+                is_open = not self._passes(here, place, limit, is_cut)
+            elif is_open and first < place and start.has_quick_row(buffer, place, limit):
+                break
+            if is_open:
                 levels = here.levels
                 if is_marked or here.is_holding:
                     self._collect(place, not is_new)
@@ -596,7 +598,7 @@ class Receiver:
             return False
         try:
             for group in here.groups:
-                size = group.size(buffer, place, end, quiet, lost)
+                size = None if group.sizes is None else group.size(buffer, place, end, quiet, lost)
                 if size is None:
                     size = group.extent(buffer, place, end, self._names)
                 if size > 0:
@@ -624,7 +626,7 @@ class Receiver:
         try:
             if seen is not None:
                 return group.measure(buffer, place, end, self._names, seen.get(group.name, UNSEEN)[1])
-            size = group.size(buffer, place, end, self._quiet, self._lost)
+            size = None if group.sizes is None else group.size(buffer, place, end, self._quiet, self._lost)
             return group.measure(buffer, place, end, self._names, 0) if size is None else size
         except CODEC_ERRORS as error:
             for info in group.infos:
