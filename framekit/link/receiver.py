@@ -73,6 +73,9 @@ class Verdict:
 NO_FRAME, NO_END = Verdict(-1), Verdict(0)
 UNSEEN, UNASKED = (0, 0), -1
 
+NO_FIT, MAY_FIT, FITS = 0, 1, 2
+"""Of a quick look at a position: no candidate can be good; one may become good; one is complete and may be good."""
+
 
 class Receiver:
     """Finds frames in the bytes of one direction of a line.
@@ -422,12 +425,12 @@ class Receiver:
             here = start.left[buffer[at]] if at < limit else start.every
             at = place + here.skip_at
             skip = here.skips[buffer[at]] if at < limit and not is_marked else None
-            is_open = skip is None or (skip and (is_new or limit - place <= skip))
-            if is_open and place < passed and not (self._seen and base + place == self._seen_at):
-                is_open = not self._passes(here, place, limit, is_cut)
-            elif is_open and first < place and start.has_quick_row(buffer, place, limit):
+            fit = FITS if skip is None or (skip and (is_new or limit - place <= skip)) else NO_FIT
+            if fit and place < passed and not (self._seen and base + place == self._seen_at):
+                fit = self._fit(here, place, limit, is_cut)
+            if fit == FITS and first < place and start.has_quick_row(buffer, place, limit):
                 break
-            if is_open:
+            if fit:
                 levels = here.levels
                 if is_marked or here.is_holding:
                     self._collect(place, not is_new)
@@ -591,11 +594,11 @@ class Receiver:
             self._trouble(info.name, error)
             return None
 
-    def _passes(self, here: Candidates, place: int, end: int, is_cut: bool) -> bool:
-        """Return whether all candidates are surely bad or no frame, by tables and quick looks."""
+    def _fit(self, here: Candidates, place: int, end: int, is_cut: bool) -> int:
+        """Return `NO_FIT` if all candidates are surely bad or no frame, by tables and quick looks; else how one fits."""
         buffer, quiet, lost = self.stream.buffer, self._quiet, self._lost
         if here.is_holding:
-            return False
+            return MAY_FIT
         try:
             for group in here.groups:
                 size = None if group.sizes is None else group.size(buffer, place, end, quiet, lost)
@@ -603,16 +606,16 @@ class Receiver:
                     size = group.extent(buffer, place, end, self._names)
                 if size > 0:
                     if group.may_fit(buffer[place : place + size]):
-                        return False
+                        return FITS
                 elif size == quiet:
                     stop = self._silence_after(place)
                     if stop is None or group.may_fit(buffer[place:stop]):
-                        return False
+                        return MAY_FIT
                 elif size and size != lost and not is_cut:
-                    return False
+                    return MAY_FIT
         except CODEC_ERRORS:
-            return False
-        return True
+            return MAY_FIT
+        return NO_FIT
 
     def _silence_after(self, place: int) -> int | None:
         """Return where the next silence stands, the same for all positions of one run; None if it has not come."""
