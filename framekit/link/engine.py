@@ -219,7 +219,6 @@ class Engine:
             self._tick(now)
         self.scope.now = self.output.last_received = now
         self.receiver.append(data, now, faults)
-        self.reception.has_unread = True
         if data:
             for run in self.machine.order:
                 if run.state is PAUSING and "on_byte" in run.top.wait.events:
@@ -229,13 +228,13 @@ class Engine:
     def other_sender(self, now: int) -> list[Command]:
         """Note that following bytes come from another sender; the beginning of a frame before them is noise."""
         self.scope.now = now
-        self.reception.show_noise(self.receiver.flush())
+        self.reception.drop()
         return self._finish()
 
     def line_break(self, now: int) -> list[Command]:
         """Note that the line was in break state; the beginning of a frame before it is noise."""
         self.scope.now = self.output.last_received = now
-        self.reception.show_noise(self.receiver.flush())
+        self.reception.drop()
         self.machine.show("break", "in")
         for run in self.machine.order:
             if run.state is not DONE:
@@ -259,9 +258,9 @@ class Engine:
                 self._has_left(other, now)
         elif item.run is None or self.is_busy or self.ready or self.lanes.keeps_times:
             pass
-        elif not self.reception.has_unread:
+        elif not self.receiver.has_unread:
             return self._only_clocks(item.run)
-        if self.reception.has_unread:
+        if self.receiver.has_unread:
             self.receiver.answered()
         return self._finish()
 
@@ -336,7 +335,7 @@ class Engine:
                 lanes.begin_exchange(lane, exchange)
             finally:
                 self.is_busy = False
-            if not self.ready and not lanes.keeps_times and not self.reception.has_unread:
+            if not self.ready and not lanes.keeps_times and not self.receiver.has_unread:
                 return self._only_clocks(lane.running[-1])
         return self._finish()
 
@@ -421,8 +420,8 @@ class Engine:
         """Do all that follows and takes no time; return the commands, in order. A nested call returns no command."""
         if self.is_busy:
             return []
-        ready, reception, keeps_times = self.ready, self.reception, self.lanes.keeps_times
-        if ready or reception.has_unread or keeps_times:
+        ready, receiver, keeps_times = self.ready, self.receiver, self.lanes.keeps_times
+        if ready or receiver.has_unread or keeps_times:
             self.is_busy = True
             try:
                 self._settle(ready)
@@ -432,8 +431,8 @@ class Engine:
         for run in self.machine.order:
             if run.deadline < deadline:
                 deadline = run.deadline
-        if reception.has_unread and reception.looked is not None:
-            deadline = min(deadline, self.receiver.deadline)
+        if receiver.has_unread and self.reception.looked is not None:
+            deadline = min(deadline, receiver.deadline)
         if ready or self.lanes.keeps_times or self.late.items:
             deadline = min(deadline, self._other_deadline())
         self.deadline = deadline
@@ -452,7 +451,7 @@ class Engine:
 
     def _settle(self, ready: deque[Any]) -> None:
         """Handle the items of the ready queue, then the arrivals in the bytes at hand, until neither is left."""
-        lanes, reception = self.lanes, self.reception
+        lanes, receiver = self.lanes, self.receiver
         for _ in range(MOST_ROUNDS):
             if ready:
                 item = ready.popleft()
@@ -468,7 +467,7 @@ class Engine:
                     lanes.offer_queues()
                 else:
                     item()
-            elif not (reception.has_unread and self._next_arrival()) and (lanes.on_shut is None or not lanes.shut()):
+            elif not (receiver.has_unread and self._next_arrival()) and (lanes.on_shut is None or not lanes.shut()):
                 return
         place = self.receiver.stream.offset
         if place != self._circle_at:
@@ -491,7 +490,6 @@ class Engine:
         if reception.looked is None:
             if len(receiver.stream.buffer) > MOST_HELD:
                 reception.drop_stale()
-            reception.has_unread = not receiver.is_idle
             return False
         event = receiver.next_of(reception.looked)
         if type(event) is FrameValue:
@@ -505,22 +503,18 @@ class Engine:
                 self._not_taken(event)
         elif event is None:
             reception.note_progress()
-            reception.has_unread = not receiver.is_idle
             return False
-        elif isinstance(event, BadFrame):
-            self._bad(event)
-        elif isinstance(event, Noise):
-            reception.show_noise([event])
-            if not event.skipped:
-                any(self.lanes.handle(run, "on_noise", NOISE) for run in machine.order if run.state is RECEIVING)
-        if receiver.broken:
-            self.output.commands.append(Reopen("the stream is out of step"))
-        if receiver.is_idle:
-            reception.has_unread = False
-            if reception.has_candidates:
-                reception.drop_candidates()
         else:
-            reception.has_unread = True
+            if isinstance(event, BadFrame):
+                self._bad(event)
+            elif isinstance(event, Noise):
+                reception.show_noise([event])
+                if not event.skipped:
+                    any(self.lanes.handle(run, "on_noise", NOISE) for run in machine.order if run.state is RECEIVING)
+            if receiver.broken:
+                self.output.commands.append(Reopen("the stream is out of step"))
+        if reception.has_candidates and not receiver.has_unread:
+            reception.drop_candidates()
         return True
 
     def _not_taken(self, value: FrameValue) -> None:
@@ -616,7 +610,6 @@ class Engine:
         receiver = self.receiver
         if self.reception.looked is not None and receiver.deadline <= now:
             receiver.tick(now)
-            self.reception.has_unread = True
             return True
         order = self.machine.order
         due = min((run for run in order if run.deadline <= now), key=lambda run: run.deadline, default=None)
@@ -642,7 +635,7 @@ class Engine:
             run.cause = "a frame began and was not completed in time"
             self.receiver.cut()
             self.receiver.tick(self.scope.now)
-            self.reception.cutting = self.reception.has_unread = True
+            self.reception.cutting = True
             try:
                 self._settle(self.ready)
             finally:

@@ -99,6 +99,8 @@ class Receiver:
         """The stream is out of step and the definition wants the connection closed; bytes are dropped until `reset`."""
         self.waiting: tuple[str, ...] = ()
         """The candidates that the bytes at hand fit so far."""
+        self.has_unread = False
+        """Whether bytes are at hand that are no frame yet, or noise, or that no call has looked at."""
         self.on_scan: Callable[[], None] = lambda: None
         """Called before pauses matter, to set how long they may be."""
         self._rules = protocol.receiver
@@ -154,22 +156,26 @@ class Receiver:
             return
         self._now, self._taken_at = now, -1
         stream = self.stream
+        if self.has_unread or self._is_open or stream.is_marked or faults:
+            self._append(data, now, faults)
+        else:
+            stream.base = base = stream.base + stream.position
+            stream.buffer = data if type(data) is bytes else bytes(data)
+            stream.position, stream.last = 0, now
+            stream.ends, stream.times = [base + len(data)], [now]
+        self.has_unread = True
+
+    def _append(self, data: bytes, now: int, faults: Iterable[CharacterFault]) -> None:
+        """Add bytes to others that are still at hand, with the pause before them."""
+        stream = self.stream
         last = stream.last
         if self._is_open:
             self._is_open = False
             before = stream.give_back()
             data = before + data
             faults = [CharacterFault(len(before) + one.index, one.fault) for one in faults]
-        if stream.position < len(stream.buffer) or stream.is_marked or faults:
-            goes_on = stream.add(data, now, faults)
-        else:
-            goes_on = False
-            stream.base = base = stream.base + stream.position
-            stream.buffer = data if type(data) is bytes else bytes(data)
-            stream.position, stream.last = 0, now
-            stream.ends, stream.times = [base + len(data)], [now]
-        is_mid_stream = goes_on or self._noise.data or self._skipping
-        if is_mid_stream and now - last > self.pauses.line.character * len(data):
+        goes_on = stream.add(data, now, faults)
+        if (goes_on or self._noise.data or self._skipping) and now - last > self.pauses.line.character * len(data):
             self.pauses.note(last, len(data))
 
     def tick(self, now: int) -> None:
@@ -189,6 +195,7 @@ class Receiver:
             self._skipping = False
             if self.stream.position < len(self.stream.buffer):
                 self._collect(len(self.stream.buffer), True)
+            self._note_unread()
 
     def flush(self) -> list[Noise]:
         """Drop everything that has not become a frame, and return it as noise."""
@@ -199,7 +206,7 @@ class Receiver:
             self._collect(len(stream.buffer), False)
             found.append(self._noise.take())
         stream.clear()
-        self._skipping = self._is_open = False
+        self._skipping = self._is_open = self.has_unread = False
         self.waiting = ()
         return found
 
@@ -221,12 +228,6 @@ class Receiver:
         return self.stream.time_of(self.stream.position)
 
     @property
-    def is_idle(self) -> bool:
-        """Whether the next byte begins anew."""
-        stream = self.stream
-        return stream.position >= len(stream.buffer) and not (self._noise.data or self._skipping)
-
-    @property
     def deadline(self) -> int:
         """When `tick` has to be called if no byte comes."""
         stream = self.stream
@@ -235,7 +236,7 @@ class Receiver:
             deadline = NEVER if gap is None else stream.last + gap
             if self._needs_silence:
                 deadline = min(deadline, stream.last + quiet)
-        elif self.is_idle:
+        elif not self.has_unread:
             return NEVER
         else:
             deadline = stream.last + self.pauses.limits()[0]
@@ -282,6 +283,7 @@ class Receiver:
                 good = self._read(info, start, start + size) if size > 0 else None
                 if good is not None:
                     self._take(info, start, len(good[2]))
+                    self._note_unread()
                     return self._arrived(*good[:3], start, info.make(*good[1:]))
         stream.position = after
         return None
@@ -338,7 +340,7 @@ class Receiver:
                             found.append(self._noise.take())
                         if found is None:
                             stream.position, self._taken_at, self._declined = stop, place, [info.name]
-                            self._good_since = True
+                            self._good_since, self.has_unread = True, stop < end
                             return info.make(fields, raw, None)
                         arrived = FrameArrived()
                         arrived.make, arrived.decoded, arrived.raw = info.make, fields, raw
@@ -351,9 +353,14 @@ class Receiver:
                 stream.position = place
             event = self._look(frames)
             if event is None or (found is None and not isinstance(event, Again)):
+                self._note_unread()
                 return event
             if found is not None and not isinstance(event, Again | FrameValue):
                 found.append(event)
+
+    def _note_unread(self) -> None:
+        stream = self.stream
+        self.has_unread = stream.position < len(stream.buffer) or bool(self._noise.data) or self._skipping
 
     def _waits(self, names: tuple[str, ...], place: int) -> bool:
         """Wait for frames `names` at buffer index `place`, which want more bytes; return whether only they matter."""

@@ -30,8 +30,6 @@ class Reception:
         self.on_frame = on_frame
         self.awaited: frozenset[str] = frozenset()
         """Frames that are wanted at any time."""
-        self.has_unread = False
-        """Whether bytes are at hand that the receiver has not examined, or that are no frame yet."""
         self.has_candidates = False
         """Whether a frame has begun to arrive for a waiting run since the receiver was without bytes."""
         self.cutting = False
@@ -106,7 +104,7 @@ class Reception:
                 own_gap = own_gap or run.gap is not None
                 is_limited = is_limited or run.complete is not None or run.longest < NEVER
         pauses, self.own_gap = self.receiver.pauses, not own_gap
-        pauses.own_gap, pauses.is_idle = self.own_gap, not is_limited
+        pauses.own_gap, pauses.is_unlimited = self.own_gap, not is_limited
 
     # ---- arriving frames ----------------------------------------------------------------------------------
 
@@ -184,14 +182,16 @@ class Reception:
                 self.note_bad(event)
             else:
                 self.show_noise([event])
-        self.show_noise(self.receiver.flush())
+        self.drop()
 
     def drop(self) -> None:
-        """Drop the beginning of a frame as noise."""
+        """Drop the beginning of a frame as noise; no frame is arriving for a run any more."""
+        had_unread = self.receiver.has_unread
         self.show_noise(self.receiver.flush())
+        if had_unread:
+            self.note_progress()
 
     def drop_stale(self) -> None:
         """Drop bytes that came while no run listened: they cannot be the reply to a later request."""
-        receiver = self.receiver
-        if receiver.stream.is_marked or (self.has_unread and not receiver.is_idle):
-            self.show_noise(receiver.flush())
+        if self.receiver.stream.is_marked or self.receiver.has_unread:
+            self.drop()

@@ -222,13 +222,12 @@ class Pauses:
     What bytes themselves take on the line is no pause, so it does not matter in which pieces a port hands them over.
     Times (ns) are worked out anew when a variable or parameter has changed.
 
-    `own_gap` false: the waiting step allows any pause, or limits it itself. `is_idle`: no
-    waiting step limits the time of a frame, so where the definition has no `gap` either, the usual one holds. `line`:
-    what bytes take on it.
+    `own_gap` false: the waiting step allows any pause, or limits it itself. `is_unlimited`: no waiting step limits the
+    time of a frame, so where the definition has no `gap` either, the usual one holds. `line`: what bytes take on it.
     """
 
     __slots__ = (
-        "_gap_of", "_names", "_quiet_of", "_scope", "_stream", "_worked_out", "is_idle", "line", "own_gap",
+        "_gap_of", "_names", "_quiet_of", "_scope", "_stream", "_worked_out", "is_unlimited", "line", "own_gap",
     )  # fmt: skip
 
     def __init__(self, rules: Rules, names: Names, stream: Stream) -> None:
@@ -241,7 +240,7 @@ class Pauses:
         self.line = line if isinstance(line, LineTimes) else LineTimes(None)
         self._worked_out: tuple[int, int, int | None] | None = None
         self.own_gap = True
-        self.is_idle = False
+        self.is_unlimited = False
 
     def limits(self) -> tuple[int, int | None]:
         """Return `quiet`, and the gap in force or None."""
@@ -252,7 +251,7 @@ class Pauses:
             found = self._worked_out = (version, quiet, self._time(self._gap_of))
         if not self.own_gap:
             return found[1], None
-        return found[1], self._usual_gap() if self.is_idle and self._gap_of is None else found[2]
+        return found[1], self._usual_gap() if self.is_unlimited and self._gap_of is None else found[2]
 
     def _usual_gap(self) -> int:
         """Return the longest pause in a frame that begins while no step waits."""

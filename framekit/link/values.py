@@ -186,15 +186,15 @@ class Names(dict[str, Any]):
         self.formulas = formulas
 
     def __missing__(self, name: str) -> Any:
-        level: Names | None = self
-        while level is not None:
-            if name in level:
-                return level[name]
-            formulas = level.formulas
-            if formulas is not None and name in formulas:
-                return formulas[name](level)
-            level = level.parent
-        raise KeyError(name)
+        level = self
+        while (formulas := level.formulas) is None or name not in formulas:
+            parent = level.parent
+            if parent is None:
+                raise KeyError(name)
+            if name in parent:
+                return parent[name]
+            level = parent
+        return formulas[name](level)
 
     @property
     def remembered(self) -> dict[Any, Any] | None:

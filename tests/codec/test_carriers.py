@@ -115,7 +115,7 @@ def test_a_delimiter_ends_a_frame_and_begins_the_next(name: str, between: int) -
     receiver = receiver_of(text)
     receiver.append(stream, 0)
     assert [told(one) for one in receiver.arrivals((frame,))] == whole
-    assert receiver.is_idle and receiver.is_empty and not receiver.waiting and receiver.deadline == NEVER
+    assert not receiver.has_unread and receiver.is_empty and not receiver.waiting and receiver.deadline == NEVER
 
 
 @pytest.mark.parametrize("name", FRAMES_OF)

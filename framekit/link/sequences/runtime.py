@@ -297,7 +297,7 @@ class Machine:
         if run.lane.waiting:
             self.stir(run.lane)
         run.started = now
-        run.clock_waits = run.unsent > 0
+        run.clock_waits = run.unsent > 0 and (wait.is_timed or x.checks_echo)
         if wait.is_timed:
             run.deadline = run.within = NEVER if run.clock_waits or run.longest >= NEVER else now + run.longest
         else:
