@@ -602,7 +602,7 @@ class Receiver:
             return None
 
     def _fit(self, here: Candidates, place: int, end: int, is_cut: bool) -> int:
-        """Return `NO_FIT` if all candidates are surely bad or no frame, by tables and quick looks; else how one fits."""
+        """Return whether a candidate fits, by tables and quick looks: `NO_FIT`, `MAY_FIT` or `FITS`."""
         buffer, quiet, lost = self.stream.buffer, self._quiet, self._lost
         if here.is_holding:
             return MAY_FIT
