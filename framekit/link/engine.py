@@ -155,7 +155,7 @@ class Engine:
             self.scope.change_line(self.scope.line.own)
         self.receiver.reset()
         self.receiver.hear_marks(self._hears_marks)
-        self.late.forget()
+        self.late.heard_until = now
         self._forget_echo()
         self.output.is_open = True
         self.was_closed = False
@@ -210,13 +210,16 @@ class Engine:
                 if not self.lanes.handle(run, "on_closed", CLOSED):
                     self.machine.fail_run(run, "closed")
         self.lanes.fail_waiting("closed", reason)
-        self.late.forget()
+        self.late.disconnected()
         return self._finish()
 
     def receive(self, data: bytes, now: int, faults: Iterable[CharacterFault] = ()) -> list[Command]:
-        """Handle arriving bytes, the last of them at `now`; `faults` names damaged characters among them."""
+        """Handle arriving bytes, the last of them at `now`; `faults` names damaged characters among them.
+
+        Bytes come before time limits that have run out and were not ticked: a busy process reads them late.
+        """
         if self.deadline < now:
-            self._tick(now)
+            self._end_frames(now)
         self.scope.now = self.output.last_received = now
         self.receiver.append(data, now, faults)
         if data:
@@ -302,7 +305,7 @@ class Engine:
         return self._finish()
 
     def tick(self, now: int) -> list[Command]:
-        """Handle the passage of time; call this when `deadline` is reached."""
+        """Handle the passage of time; call this when `deadline` is reached, after all bytes that arrived before."""
         self._tick(now)
         return self._finish()
 
@@ -592,9 +595,22 @@ class Engine:
 
     # ---- time ---------------------------------------------------------------------------------------------
 
+    def _end_frames(self, now: int) -> None:
+        """End the frames that a pause before `now` ends. Other times wait for `tick`: the bytes may be older."""
+        self.is_busy = True
+        try:
+            for _ in range(MOST_ROUNDS):
+                if self.reception.looked is None or self.receiver.deadline > now:
+                    return
+                self.scope.now = max(self.scope.now, now)
+                self.receiver.tick(now)
+                self._settle(self.ready)
+        finally:
+            self.is_busy = False
+
     def _tick(self, now: int) -> None:
         """Handle everything that is due, in the documented order; also times that become due at the same instant."""
-        now = self.scope.now = max(now, self.scope.now)
+        now = self.scope.now = self.late.heard_until = max(now, self.scope.now)
         self.lanes.stir_all()
         self.is_busy = True
         try:

@@ -94,7 +94,7 @@ class Lanes:
         """Forget replies that are no longer due, and bytes that no run listened for, before an exchange."""
         machine, reception = self.machine, self.reception
         late, now = machine.late, machine.scope.now
-        if late.until and late.until <= now:
+        if late.until and late.until <= late.heard_until:
             self.release()
         if not late.until and not machine.receiver.is_empty:
             listens = bool(reception.awaited) or self.listens

@@ -100,12 +100,13 @@ class LateReplies:
     """Track the open requests of a line; decide about sending and storing."""
 
     __slots__ = (
-        "_greatest", "_late", "_scope", "_service", "_table", "count", "expected", "is_answering", "items", "last",
-        "lost", "noisy", "open", "slow", "strange_since", "until", "within",
+        "_greatest", "_is_stream", "_late", "_scope", "_service", "_table", "count", "expected", "heard_until",
+        "is_answering", "items", "last", "lost", "noisy", "open", "slow", "strange_since", "until", "within",
     )  # fmt: skip
 
     def __init__(self, protocol: Protocol, scope: Scope, table: FrameTable) -> None:
         self._late = compile_optional(protocol.line.late)
+        self._is_stream = protocol.line.kind == "stream"
         self._scope, self._table = scope, table
         self.open: list[OpenRequest] = []
         """Requests without a reply, oldest first."""
@@ -133,6 +134,8 @@ class LateReplies:
         """Time of the last noise, or bad frame, on the line (ns); -1: none came."""
         self._service = 0
         """Greatest time that the device took for one of the open requests, the requests before it not counted."""
+        self.heard_until = scope.now
+        """Time up to which every byte that arrived has been handled; later bytes may wait in the port (ns)."""
 
     # ---- requests become open -----------------------------------------------------------------------------
 
@@ -182,7 +185,7 @@ class LateReplies:
         """
         scope = self._scope
         asks = value.frame in self.expected.requests and not self.expected.is_broadcast(value, scope)
-        if self.until > scope.now:
+        if self.until > self.heard_until:
             return True
         if not asks:
             return False
@@ -235,8 +238,13 @@ class LateReplies:
     # ---- may a request be sent? ---------------------------------------------------------------------------
 
     def prepare(self, x: Exchange) -> None:
-        """Hold the line before an exchange that must not be repeated, until no reply to a similar request can come."""
+        """Hold the line before an exchange that must not be repeated, until no reply to a similar request can come.
+
+        Hold it before each exchange if open requests are too old by now, but their replies may wait in the port.
+        """
         self.expire()
+        if any(one.ends <= self._scope.now for one in self.open):
+            self.until = max(self.until, self._scope.now)
         if not self.open or x.may_repeat():
             return
         kind = None if x.request is None else x.request.frame
@@ -262,12 +270,16 @@ class LateReplies:
         strange = self.strange_since and now - max(since, self.strange_since) >= MOST_HOLDS * usual
         return bool(strange) or now - since > MOST_HOLDS * LONGEST
 
-    def forget(self) -> None:
-        """Drop everything: over a new connection no reply to a request of the old one comes."""
-        self.open.clear()
+    def disconnected(self) -> None:
+        """Drop the frames that wait, and on a stream the open requests: their replies go to the old connection.
+
+        On a serial line, and through a gateway to a serial line, a reply may come after the port is opened again.
+        """
         self.items.clear()
-        self.is_answering = False
-        self.until = self.last = self._service = self.strange_since = 0
+        if self._is_stream:
+            self.open.clear()
+            self.is_answering = False
+            self.until = self.last = self._service = self.strange_since = 0
 
     # ---- replies that no row takes ------------------------------------------------------------------------
 
@@ -344,7 +356,7 @@ class LateReplies:
 
     def expire(self) -> None:
         """Drop open requests that no reply is expected for any more."""
-        now = self._scope.now
+        now = self.heard_until
         if self.until <= now and any(one.ends <= now for one in self.open):
             self.lost += sum(one.ends <= now for one in self.open)
             self.open = [one for one in self.open if one.ends > now]
@@ -370,7 +382,7 @@ class LateReplies:
         if doubt is None:
             doubt = run.doubt = Doubt(now)
         doubt.asks.append((request_of(run, x), now))
-        content, took = content_of(results, reply), now - run.started
+        content, took = content_of(results, reply), now - run.asked_at
         if doubt.equal and content == doubt.result:
             doubt.equal += 1
         else:
@@ -518,7 +530,7 @@ def is_held(machine: Any, run: Run, x: Exchange, value: Any, names: Names | None
     A repeat of the bytes that it sent last need not wait: every reply to them is a reply to this request.
     """
     late = machine.late
-    if not x.checks_echo or late.until <= machine.scope.now or not late.concerns(x.station):
+    if not x.checks_echo or late.until <= late.heard_until or not late.concerns(x.station):
         return False
     last = x.last_sent
     is_same = last is not None and type(value) is FrameValue and machine.table.encode(value, names) == last.raw

@@ -70,6 +70,12 @@ class LineLoad:
 
 FIRST_RETRY, LONGEST_RETRY = 500_000_000, 30_000_000_000
 
+MOST_UNREAD = 65_536
+"""Time limits that have run out wait until so many bytes have been read at most."""
+
+IDLE_TURNS, MOST_TURNS = 2, 256
+"""They wait no longer after so many turns of the loop in which no byte was read, and none waits; or was read."""
+
 
 class Driven(Protocol):
     """The contract of a driver with an engine, or with a listener."""
@@ -128,6 +134,9 @@ class Driver(PortEvents):
         self.load = LineLoad(port.settings, clock.now())
         self.pending: deque[Command] = deque()
         self._alarm = clock.alarm(self._ring)
+        self._is_reading = False
+        """Whether times that have run out wait until the port has read what arrived before."""
+        self._read_from = self._read_to = self._idle_turns = 0
         self._send_timer: Handle | None = None
         self._reopen_timer: Handle | None = None
         self.longest_retry = LONGEST_RETRY
@@ -151,6 +160,7 @@ class Driver(PortEvents):
     def stop(self) -> None:
         """Close the port and drop the commands that are not carried out."""
         self.stopped, self._started = True, False
+        self._is_reading = False
         self.pending.clear()
         self._alarm.cancel()
         for timer in (self._send_timer, self._reopen_timer):
@@ -316,4 +326,28 @@ class Driver(PortEvents):
         self._alarm.set(NEVER if self.stopped else self.engine.deadline)
 
     def _ring(self) -> None:
-        self.carry_out(self.engine.tick(self._now()))
+        """Let times run out, unless bytes are unread: they arrived before, however late the process is."""
+        if self._is_reading:
+            return
+        now = self._now()
+        if self.port.has_unread:
+            self._is_reading = True
+            self._read_from = self._read_to = self.load.bytes_in
+            self._idle_turns = 0
+            self.clock.call_soon(self._read_on)
+        else:
+            self.carry_out(self.engine.tick(now))
+
+    def _read_on(self) -> None:
+        """Let times run out when the port has read everything; the loop reads in its turns."""
+        if not self._is_reading:
+            return
+        now, count = self._now(), self.load.bytes_in
+        self._idle_turns = self._idle_turns + 1 if count == self._read_to else 0
+        self._read_to = count
+        most = MOST_TURNS if self.port.has_unread else IDLE_TURNS
+        if self._idle_turns < most and count - self._read_from < MOST_UNREAD:
+            self.clock.call_soon(self._read_on)
+        else:
+            self._is_reading = False
+            self.carry_out(self.engine.tick(now))

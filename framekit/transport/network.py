@@ -22,6 +22,7 @@ from typing import Any, Protocol, cast
 from framekit.definition.problems import printable
 from framekit.transport.clock import MOST, PIECE, AsyncioClock, Turns
 from framekit.transport.port import Accepted, AcceptedPort, Port, PortEvents
+from framekit.transport.unread import UnreadInput
 
 CONNECT_WITHIN = 10.0
 """Time limit for a connection (s); some networks never refuse one."""
@@ -46,11 +47,18 @@ class Connection(asyncio.BufferedProtocol):
         self.transport: asyncio.Transport | None = None
         self.is_full = False
         self.waits = False
+        self._unread: UnreadInput | None = None
+
+    @property
+    def has_unread(self) -> bool:
+        """Return whether bytes have arrived that the port has not reported."""
+        return self.waits or (self.transport is not None and bool(self._unread))
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         transport = cast(asyncio.Transport, transport)  # loops of other libraries have classes of their own
         with contextlib.suppress(OSError):
             connected: socket.socket = transport.get_extra_info("socket")
+            self._unread = UnreadInput(connected.fileno())
             connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             connected.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         encrypts = transport.get_extra_info("sslcontext") is not None
@@ -106,6 +114,10 @@ class StreamPort(Port):
         self.connection: Connection | None = None
         self.events: PortEvents | None = None
         self._sent_due = False
+
+    @property
+    def has_unread(self) -> bool:
+        return self.connection is not None and self.connection.has_unread
 
     def connected(self) -> None:
         """Report that the connection is established."""
@@ -308,6 +320,10 @@ class TcpAcceptedPort(StreamPort, AcceptedPort):
         self.pace()
 
     @property
+    def has_unread(self) -> bool:
+        return not self._sent_due and super().has_unread
+
+    @property
     def _holds_back(self) -> bool:
         return self._sent_due or super()._holds_back
 
@@ -461,6 +477,10 @@ class Datagrams:
             self._waiting.extend((data[at : at + size], sender) for at in range(0, max(len(data), 1), size))
             self._ask()
 
+    def __bool__(self) -> bool:
+        """Return whether datagrams wait."""
+        return bool(self._waiting)
+
     def _ask(self) -> None:
         """Request a turn for the first waiting piece, and further turns while turns are granted at once."""
         if self._asks:
@@ -582,6 +602,10 @@ class UdpPort(DatagramPort):
         self._tell_when_sent()
 
     @property
+    def has_unread(self) -> bool:
+        return self._endpoint is not None and self._endpoint.has_unread
+
+    @property
     def _is_ready(self) -> bool:
         return self._endpoint is not None and self._endpoint.transport is not None
 
@@ -605,8 +629,17 @@ class _Endpoint(asyncio.DatagramProtocol):
         self.port = port
         self.transport: asyncio.DatagramTransport | None = None
         self._came = Datagrams(port.clock.turns, lambda data, sender: port.hear(self, data, sender))
+        self._unread: UnreadInput | None = None
+
+    @property
+    def has_unread(self) -> bool:
+        """Return whether datagrams have arrived that the port has not reported."""
+        return bool(self._came) or (self.transport is not None and bool(self._unread))
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        endpoint = transport.get_extra_info("socket")
+        if endpoint is not None:
+            self._unread = UnreadInput(endpoint.fileno())
         self.transport = cast(asyncio.DatagramTransport, transport)  # no subclass of DatagramTransport
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
@@ -616,6 +649,7 @@ class _Endpoint(asyncio.DatagramProtocol):
         """Ignore the error that no program listens at the host (yet): as on a silent line, time-outs report it."""
 
     def connection_lost(self, exc: Exception | None) -> None:
+        self.transport = None
         if exc is not None:
             self.port.lost(self, str(exc) or type(exc).__name__)
 

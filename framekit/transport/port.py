@@ -76,6 +76,11 @@ class Port(ABC):
     simulated device.
     """
 
+    @property
+    def has_unread(self) -> bool:
+        """Return whether bytes have arrived that are not reported yet; False if the port cannot know."""
+        return False
+
     @abstractmethod
     def open(self, events: PortEvents) -> None:
         """Open the port; `events.opened` or `events.closed` follows. Bytes received before are dropped."""
@@ -215,6 +220,10 @@ class PassingPort(Port, PortEvents):
     @property
     def sees_damage(self) -> bool:  # type: ignore[override]
         return self.inner.sees_damage
+
+    @property
+    def has_unread(self) -> bool:
+        return self.inner.has_unread
 
     @property
     def has_bit_times(self) -> bool:  # type: ignore[override]
@@ -365,6 +374,10 @@ class UserPort(Port):
     @property
     def hears_marks(self) -> bool:  # type: ignore[override]
         return self.shared.port.hears_marks
+
+    @property
+    def has_unread(self) -> bool:
+        return self.shared.port.has_unread
 
     @property
     def sees_damage(self) -> bool:  # type: ignore[override]

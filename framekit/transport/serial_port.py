@@ -35,6 +35,7 @@ from framekit.definition.times import PLAIN, Direction, LineFormat, LineSettings
 from framekit.link.events import CharacterFault, LineFault
 from framekit.transport.clock import AsyncioClock
 from framekit.transport.port import Port, PortEvents
+from framekit.transport.unread import UnreadInput
 
 if sys.platform != "win32":
     import fcntl
@@ -95,6 +96,11 @@ class SerialConnection(ABC):
     @abstractmethod
     def waiting(self) -> int:
         """Return the number of bytes not sent yet, if the device reports it."""
+
+    @property
+    def has_unread(self) -> bool:
+        """Return whether bytes have arrived that are not reported yet; False if unknown."""
+        return False
 
     @property
     def has_carrier(self) -> bool | None:
@@ -244,6 +250,9 @@ class ThreadConnection(SerialConnection):
         self._orders: SimpleQueue[Order | None] = SimpleQueue()
         self._unwritten = 0
         self._closed = False
+        self._device: Any = None
+        self._has_read = False
+        """Whether the thread has read bytes that are not reported yet."""
         self._previous = previous.finished if previous is not None else None
         threading.Thread(target=self._run, daemon=True, name=f"reads {url}").start()
 
@@ -257,6 +266,7 @@ class ThreadConnection(SerialConnection):
         except SERIAL_ERRORS as error:
             self._tell_lost(error)
         else:
+            self._device = device
             threading.Thread(target=self._write_forever, args=(device,), daemon=True, name=f"writes {self.url}").start()
             self._tell(self.events.opened)
             self._read_forever(device)
@@ -273,6 +283,7 @@ class ThreadConnection(SerialConnection):
                 while data and (more := device.in_waiting) and len(data) < READ_SIZE:
                     data += device.read(min(more, READ_SIZE))
                 if data:
+                    self._has_read = True
                     self._heard.clear()
                     self._tell(partial(self._received, bytes(data), self.clock.now()))
                     while not self._heard.wait(POLL) and not self._stopping.is_set():
@@ -304,9 +315,18 @@ class ThreadConnection(SerialConnection):
         self.clock.turns.take(len(data), lambda: self._take(data, now))
 
     def _take(self, data: bytes, now: int) -> None:
+        self._has_read = False
         self._heard.set()
         if not self._closed:
             self.events.received(data, now, ())
+
+    @property
+    def has_unread(self) -> bool:
+        if self._has_read:
+            return True
+        with contextlib.suppress(*SERIAL_ERRORS, AttributeError):
+            return bool(self._device.in_waiting)
+        return False
 
     def stop(self) -> None:
         self._closed = True
@@ -408,6 +428,11 @@ class SerialPort(Port):
     def write_marked(self, data: bytes, marked: int) -> None:
         if self._use is not None:
             self._use.put_marked(data, marked)
+
+    @property
+    def has_unread(self) -> bool:
+        use = self._use
+        return use is not None and use.connection is not None and use.connection.has_unread
 
     @property
     def hears_marks(self) -> bool:  # type: ignore[override]
@@ -728,6 +753,7 @@ class DescriptorConnection(SerialConnection):
         self._unsent = bytearray()
         self._stopped = False
         self._waits = False
+        self._unread = UnreadInput(self._descriptor)
         os.set_blocking(self._descriptor, False)
         clock.loop.add_reader(self._descriptor, self._readable)
         clock.call_soon(events.opened)
@@ -778,6 +804,10 @@ class DescriptorConnection(SerialConnection):
         self.events.lost(reason)
 
     # ---- reading ------------------------------------------------------------------------------------------
+
+    @property
+    def has_unread(self) -> bool:
+        return not self._stopped and (self._waits or bool(self._unread))
 
     def _readable(self) -> None:
         if self._waits:

@@ -60,6 +60,7 @@ class Side:
         place = self.client.grammar.parse(address)
         self.memory.write(place.area, place.unit, place.start, [value])
         self.do(self.client.read(address, station=3, now=self.now, on_done=self.results.append).commands)
+        self.until(self.now)
 
     def until(self, time: int) -> None:
         """Times run out, up to this one."""
@@ -252,8 +253,26 @@ def test_both_replies_in_one_piece() -> None:
     assert side.values == [[11]] and len(side.sent) == 3 and side.late == 1
 
 
-def test_a_lost_connection_takes_with_it_what_is_due() -> None:
+@pytest.mark.parametrize("when", [500 * MS, SECOND])
+def test_a_late_reply_may_come_after_the_port_was_lost_and_opened_again(when: int) -> None:
+    """A gateway sends what its serial line brings to the connection that is open then."""
     side = Side(retries=0)
+    side.read("R1", 11)
+    side.until(when)
+    side.do(side.engine.closed(side.now))
+    side.do(side.engine.opened(side.now))
+    side.read("R2", 22)
+    assert len(side.sent) == 1, "the reply to the request before is due"
+    side.until(when + 300 * MS)
+    side.reply(0)
+    assert side.late == 1 and len(side.sent) == 2
+    side.reply(1)
+    assert side.values[1:] == [[22]] and side.values[0] in ("closed", "no_reply")
+
+
+def test_no_reply_to_a_request_of_an_earlier_connection_comes_on_a_stream() -> None:
+    serial = "line: {speed: {default: 19200}, format: {default: 8N1}}"
+    side = Side(REGISTERS.replace(serial, "line: {kind: stream}"), retries=0)
     side.read("R1", 11)
     side.until(SECOND)
     side.do(side.engine.closed(side.now))

@@ -304,7 +304,7 @@ class Machine:
             run.complete = run.gap = None
             run.longest = run.deadline = run.within = NEVER
         if not wait.numbered and x.checks_echo and x.last_sent is not None:
-            run.asked = x
+            run.asked, run.asked_at = x, now
             self.late.within = run.longest
 
     def _pause(self, run: Run) -> None:

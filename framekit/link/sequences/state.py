@@ -287,8 +287,8 @@ class Run:
     """
 
     __slots__ = (
-        "agenda", "asked", "base", "candidate", "cause", "change", "clock_waits", "complete", "deadline", "doing",
-        "doubt", "exchange", "expected", "first_open", "gap", "given_up", "kind", "lane", "longest", "machine",
+        "agenda", "asked", "asked_at", "base", "candidate", "cause", "change", "clock_waits", "complete", "deadline",
+        "doing", "doubt", "exchange", "expected", "first_open", "gap", "given_up", "kind", "lane", "longest", "machine",
         "outcome", "owed", "pause", "plan", "results", "started", "state", "top", "unsent", "unusable",
         "wait_number", "wanted", "within",
     )  # fmt: skip
@@ -311,6 +311,8 @@ class Run:
         self.unusable: UnusableReplies | None = None
         """The replies of the exchange that arrived and could not be used."""
         self.asked: Exchange | None = None
+        self.asked_at = 0
+        """Time at which the last request was handed over for sending: no reply to it came before (ns)."""
         self.doubt: Any = None
         """The replies so far, of an exchange whose replies may belong to earlier requests (`late.Doubt`)."""
         self.first_open = 0
