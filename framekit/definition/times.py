@@ -128,12 +128,53 @@ class Direction:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Dialling:
+    """The call that a modem makes when its port opens."""
+
+    number: str
+    """Dial string without separators: digits, `*#`, letters of V.250, an optional `T` or `P` first."""
+    extension: str = ""
+    """Digits dialled after the number and a pause."""
+    connect_within: int = 60_000_000_000
+    """Time limit from the dial command to the connection (ns)."""
+    retries: int = 3
+    """Number of further calls, each after `pause`, before the port waits for `rest`."""
+    pause: int = 10_000_000_000
+    """Shortest time between the end of a call and the next call (ns)."""
+    rest: int = 600_000_000_000
+    """Time without calls after the last of the `retries` (ns)."""
+
+    @property
+    def command(self) -> str:
+        """Return the dial command; a number without `T` or `P` is dialled by tones."""
+        mode = "" if self.number[:1] in ("T", "P") else "T"
+        return f"ATD{mode}{self.number}" + (f",{self.extension}" if self.extension else "")
+
+
+HangUp = Literal["escape", "dtr"]
+"""How a connection ends: by the escape sequence and `ATH`, or by DTR off."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Modem:
-    """A modem on the line. `init` is sent first; `answer`: the ring at which it answers; None for a dedicated line."""
+    """A modem on the line: it dials, answers calls, or is on a dedicated line."""
 
     init: str = "ATZ"
+    """Commands sent first, separated by `;`."""
     answer: int | None = 1
+    """The ring at which it answers; None: it answers no calls."""
+    dialling: Dialling | None = None
+    """The call that it makes; None: it makes no calls."""
     reply_within: int = 5_000_000_000
+    """Time limit for the reply to a command (ns)."""
+    hang_up: HangUp = "escape"
+    guard: int = 1_000_000_000
+    """Silence before and after the escape sequence (ns)."""
+
+    @property
+    def is_switched(self) -> bool:
+        """Whether it has calls, which can end; False on a dedicated line."""
+        return self.answer is not None or self.dialling is not None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -21,14 +21,12 @@ from framekit.definition.problems import DefinitionError, did_you_mean, parted, 
 from framekit.definition.sources import INSIDE, leaves_folder
 from framekit.definition.times import (
     FAST,
-    NEVER,
     SPEEDS,
     Direction,
     Handshake,
     Interface,
     LineFormat,
     LineSettings,
-    Modem,
     parse_format,
 )
 from framekit.link.addresses import AddressGrammar
@@ -47,6 +45,7 @@ from framekit.run.model import (
     network_of,
 )
 from framekit.runfile.fault_plans import read_fault_plan
+from framekit.runfile.modems import read_limit, read_modem
 from framekit.transport.schemes import is_known, no_port, scheme_of
 
 T = TypeVar("T")
@@ -415,8 +414,8 @@ class RulesLoader:
                 if name in found:
                     raise self.reader.broken(node.at, f"'{name}' stands in params too", "leave one of them out")
                 text = self.reader.text(node)
-                if parameter.type == "time" and not 0 < self.reader.time(node) < NEVER:
-                    raise self.reader.broken(node.at, f"'{text}' is no {key}", "give a time such as 500 ms")
+                if parameter.type == "time":
+                    read_limit(self.reader, key, node)
                 with self.reader.refusing(node.at):
                     given_value(parameter, text)
                 found[name] = text
@@ -465,9 +464,9 @@ class LineLoader:
             echo=None if (echo := keys.get("echo")) is None else reader.tried(reader.flag, echo),
             direction=reader.tried(self._direction, keys.get("direction")),
             handshake=self._word("handshake", get_args(Handshake)) or "none",  # type: ignore[arg-type]
-            connect_within=reader.tried(partial(self._time, "connect_timeout"), keys.get("connect_timeout")),
-            reconnect=reader.tried(partial(self._time, "reconnect"), keys.get("reconnect")),
-            modem=reader.tried(self._modem, keys.get("modem")),
+            connect_within=reader.tried(partial(read_limit, reader, "connect_timeout"), keys.get("connect_timeout")),
+            reconnect=reader.tried(partial(read_limit, reader, "reconnect"), keys.get("reconnect")),
+            modem=reader.tried(lambda node: read_modem(reader, node, self.port), keys.get("modem")),
         )
         self._together(settings)
         self._format(settings)
@@ -480,12 +479,6 @@ class LineLoader:
         node = self.keys.get(key)
         text = None if node is None else self.reader.text(node)
         return text if text in words else None
-
-    def _time(self, key: str, node: Node) -> int:
-        time = self.reader.time(node)
-        if not 0 < time < NEVER:
-            raise self.reader.broken(node.at, f"'{self.reader.text(node)}' is no {key}", "give a time such as 500 ms")
-        return time
 
     def _direction(self, node: Node) -> Direction | None:
         """Read `none`, `rts`, `driver`, or `{by, level, before, after}`. Raise Broken."""
@@ -504,24 +497,6 @@ class LineLoader:
             text = self.reader.text(node).strip()
             raise self.reader.broken(node.at, f"{text} is too long to hold a line", "give 1 s or less")
         return time
-
-    def _modem(self, node: Node) -> Modem | None:
-        """Read `none`, or `{type, init, answer, within}`. Raise Broken."""
-        if not isinstance(node, Mapping):
-            return None
-        usual = Modem()
-        init, answer, within = node.get("init"), node.get("answer"), node.get("within")
-        dedicated = self.reader.text(node.get("type")) == "dedicated"
-        if dedicated and answer is not None:
-            self.reader.note(answer.at, "a dedicated line has no calls to answer", "leave answer out")
-        rings = 1 if answer is None else self.reader.number(answer)
-        if not 1 <= rings <= 255 and answer is not None:
-            raise self.reader.broken(answer.at, f"a modem cannot answer at ring {rings}", "give 1 to 255")
-        text = usual.init if init is None else self.reader.text(init)
-        if init is not None and not (text.isascii() and text.isprintable()):
-            raise self.reader.broken(init.at, "a modem command is printable ASCII", "write it like ATZ;ATE0")
-        wait = usual.reply_within if within is None else self._time("within", within)
-        return Modem(init=text, answer=None if dedicated else rings, reply_within=wait)
 
     # ---- conflicts between settings -------------------------------------------------------------------------
 

@@ -178,10 +178,14 @@ class Driver(PortEvents):
             self.carry_out(self.engine.closed(self.clock.now(), "switched off"))
 
     def hurry(self) -> bool:
-        """Open at once a port that waits to be opened again; return whether the port is open or may be opened again."""
+        """Open at once a port that waits to be opened again, unless it has to rest.
+
+        Return whether the port is open or may be opened again.
+        """
         if not self._started or self.stopped:
             return False
-        if self._reopen_timer is not None and not self.is_open:
+        rests = self.port.rests_until > self.clock.now()
+        if self._reopen_timer is not None and not self.is_open and not rests:
             self._reopen_timer.cancel()
             self._reopen_timer = None
             self._reopen()
@@ -252,12 +256,13 @@ class Driver(PortEvents):
         self.pending.clear()
         if self.stopped:
             return
-        again = f", trying again in {self._retry / 1e9:.1f} s" if self.port.opens_again else ""
+        next_time = max(now + self._retry, self.port.rests_until)
+        again = f", trying again in {(next_time - now) / 1e9:.1f} s" if self.port.opens_again else ""
         log.info("%s: closed (%s)%s", self.port.name, reason, again)
         self.on_state(reason)
         self.carry_out(self.engine.closed(now, reason))
         if self.port.opens_again:
-            self._reopen_timer = self.clock.call_at(now + self._retry, self._reopen)
+            self._reopen_timer = self.clock.call_at(next_time, self._reopen)
             self._retry = min(2 * self._retry, self.longest_retry)
 
     def _reopen(self) -> None:

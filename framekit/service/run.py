@@ -6,7 +6,7 @@ All work is done in callbacks of the clock and of ports. This module prints no o
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -47,6 +47,7 @@ from framekit.service.run_loop import RunLoop
 from framekit.service.sinks import SinkHost, SinkService
 from framekit.service.state import StateFile, StateKeeper
 from framekit.transport.clock import Clock, date_at
+from framekit.transport.port import Port
 from framekit.transport.schemes import without_files
 
 log = logging.getLogger(__name__)
@@ -85,6 +86,22 @@ def close_sessions(
 
     for number, service in enumerate(with_session):
         service.close_session(partial(left, number))
+
+
+def when_all_closed(ports: Collection[Port], done: Callable[[], None]) -> None:
+    """Call `done` once all ports have finished their work after closing: at once, or when modems have hung up."""
+    left = len(ports)
+
+    def closed() -> None:
+        nonlocal left
+        left -= 1
+        if left == 0:
+            done()
+
+    for port in ports:
+        port.when_closed(closed)
+    if not ports:
+        done()
 
 
 OnEnd = Callable[[BlockState, bool], None]
@@ -346,15 +363,16 @@ class RunService(ChannelOwner):
     def finish(self, done: Callable[[], None], within: int = LONGEST_SHUTDOWN) -> None:
         """End in good order: no further block starts, open sessions are closed, then `stop`, then `done`.
 
-        After `within` ns it stops the remaining work.
+        After `within` ns it stops the remaining work; then modems hang up, within the limits of their own.
         """
         self.scheduler.end()
         self._stop_jobs()
 
         def end() -> None:
+            ports = [channel.driver.port for channel in self.channels.values()]
             if self.running:
                 self.stop()
-            done()
+            when_all_closed(ports, done)
 
         close_sessions(self.channels.values(), self.clock, within, end)
 

@@ -71,6 +71,8 @@ class Port(ABC):
     """Whether bytes take their time on the line, once it is open; False on a pseudo-terminal."""
     sees_damage = False
     """Whether the port, while open, reports damaged characters and breaks."""
+    rests_until = 0
+    """Time (ns) before which the port should not be opened again after a failure; a modem makes no call meanwhile."""
     in_time = False
     """Whether the port uses the time of the clock's calls, however late they run, so that a busy process delays no
     simulated device.
@@ -106,6 +108,10 @@ class Port(ABC):
     def close(self) -> None:
         """Close the port; no event follows. Closing twice has no effect."""
 
+    def when_closed(self, done: Callable[[], None]) -> None:
+        """Call `done` once, when a closed port has finished its work: at once, or after a modem has hung up."""
+        done()
+
     @abstractmethod
     def send_break(self, duration: int) -> None:
         """Hold the line in break state for `duration` ns, after everything handed over before; `sent` follows.
@@ -120,6 +126,9 @@ class Port(ABC):
 
     def set_rts(self, on: bool) -> None:  # noqa: B027 - a port without the line has nothing to do
         """Set request-to-send at once, if the port has it."""
+
+    def set_dtr(self, on: bool) -> None:  # noqa: B027 - a port without the line has nothing to do
+        """Set data-terminal-ready at once, if the port has it; it is on after opening."""
 
     def release(self) -> None:  # noqa: B027 - most hold nothing while they are closed
         """Release the resources that the port holds even while closed; it must not be opened again."""
@@ -205,6 +214,16 @@ class PassingPort(Port, PortEvents):
 
     def set_rts(self, on: bool) -> None:
         self.inner.set_rts(on)
+
+    def set_dtr(self, on: bool) -> None:
+        self.inner.set_dtr(on)
+
+    def when_closed(self, done: Callable[[], None]) -> None:
+        self.inner.when_closed(done)
+
+    @property
+    def rests_until(self) -> int:  # type: ignore[override]
+        return self.inner.rests_until
 
     def write_marked(self, data: bytes, marked: int) -> None:
         self.inner.write_marked(data, marked)

@@ -461,6 +461,10 @@ class SerialPort(Port):
         if self._use is not None:
             self._use.set_line("rts", on)
 
+    def set_dtr(self, on: bool) -> None:
+        if self._use is not None:
+            self._use.set_line("dtr", on)
+
 
 @dataclass(frozen=True, slots=True)
 class NinthBit:

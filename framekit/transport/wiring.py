@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
-from functools import partial
 
-from framekit.definition.times import Direction, LineFormat, LineSettings, Modem
+from framekit.definition.times import Direction, LineSettings
 from framekit.link.events import CharacterFault, LineFault
 from framekit.transport.clock import Clock
+from framekit.transport.modem import ModemPort
 from framekit.transport.port import PassingPort, Port, PortEvents
 
 
@@ -170,133 +169,3 @@ class EchoFreePort(PassingPort):
         if taken < len(data):
             rest = tuple(CharacterFault(one.index - taken, one.fault) for one in faults if one.index >= taken)
             super().received(data[taken:], now, rest)
-
-
-TRIES = 3
-LONGEST_LINE = 256
-HUNG_UP = "the caller has hung up"
-
-
-class ModemPort(PassingPort):
-    """A port that opens when the modem is connected, and closes when the connection ends."""
-
-    def __init__(self, inner: Port, modem: Modem, clock: Clock) -> None:
-        super().__init__(inner)
-        self.modem = modem
-        self.clock = clock
-        self.connected = False
-        self._text = b""
-        self._commands: list[str] = []
-        self._tries = 0
-        self._rings = 0
-        self._alarm = clock.alarm(self._no_answer)
-
-    def forget(self) -> None:
-        super().forget()
-        self.connected = False
-        self._text = b""
-        self._alarm.cancel()
-
-    # ---- setting up ---------------------------------------------------------------------------------------
-
-    def opened(self, now: int) -> None:
-        self._commands = [command.strip() for command in self.modem.init.split(";") if command.strip()]
-        self._rings = self._tries = 0
-        self._next_command(now)
-
-    def _next_command(self, now: int) -> None:
-        self._alarm.cancel()
-        if self._commands:
-            self._tries += 1
-            self.inner.write(self._commands[0].encode("ascii", "replace") + b"\r")
-            self._alarm.set(now + self.modem.reply_within)
-        elif self.modem.answer is None:
-            self._connect(now)
-
-    def _no_answer(self) -> None:
-        if self._tries < TRIES:
-            self._next_command(self.clock.now())
-        else:
-            self._give_up("the modem does not answer")
-
-    def _give_up(self, reason: str) -> None:
-        self.inner.close()
-        super().closed(self.clock.now(), f"{self.name}: {reason}")
-
-    def _connect(self, now: int) -> None:
-        self._alarm.cancel()
-        self.connected = True
-        super().opened(now)
-
-    # ---- received data ------------------------------------------------------------------------------------
-
-    def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
-        if self.connected:
-            self._data(data, now, faults)
-            return
-        self._text = (self._text + data)[-LONGEST_LINE:]
-        while not self.connected and self.events is not None:
-            line, end, rest = self._text.partition(b"\n") if b"\n" in self._text else self._text.partition(b"\r")
-            if not end:
-                return
-            self._text = rest
-            self._line(line.strip().decode("ascii", "replace"), now)
-        rest, self._text = self._text.lstrip(b"\r\n"), b""
-        if rest and self.connected:
-            super().received(rest, now)
-
-    def _line(self, line: str, now: int) -> None:
-        """Handle a line of the modem: a result code, or the echo of a command."""
-        if line == "OK" and self._commands:
-            self._commands.pop(0)
-            self._tries = 0
-            self._next_command(now)
-        elif line.startswith("ERROR") and self._commands:
-            self._give_up(f"the modem refuses '{self._commands[0]}'")
-        elif line.startswith("CONNECT"):
-            self._connect(now)
-        elif line == "RING" and self.modem.answer:
-            self._rings += 1
-            if self._rings >= self.modem.answer:
-                self._rings = 0
-                self.inner.write(b"ATA\r")
-        elif line in ("NO CARRIER", "BUSY", "NO ANSWER"):
-            self._rings = 0
-
-    def _data(self, data: bytes, now: int, faults: tuple[CharacterFault, ...]) -> None:
-        """Pass on data of the connection; the text with which the modem ends the connection is handled here if it
-        arrives alone.
-        """
-        if self.modem.answer is not None and data.strip() == b"NO CARRIER":
-            self._hang_up()
-        else:
-            super().received(data, now, faults)
-
-    def _hang_up(self) -> None:
-        self.clock.call_soon(partial(self._give_up, HUNG_UP))
-
-    def control(self, lines: Mapping[str, bool], now: int) -> None:
-        if self.connected and self.modem.answer is not None and lines.get("dcd") is False:
-            self._hang_up()
-        else:
-            super().control(lines, now)
-
-    # ---- out ----------------------------------------------------------------------------------------------
-
-    def sent(self, now: int) -> None:
-        if self.connected:
-            super().sent(now)
-
-    def write(self, data: bytes) -> None:
-        if self.connected:
-            super().write(data)
-
-    def write_marked(self, data: bytes, marked: int) -> None:
-        self.write(data)
-
-    def send_break(self, duration: int) -> None:
-        if self.connected:
-            super().send_break(duration)
-
-    def change_line(self, line: LineFormat) -> None:
-        """Ignore the change: the format between computer and modem stays the same."""

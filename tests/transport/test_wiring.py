@@ -1,4 +1,4 @@
-"""Direction, echo and modem around a port, on the simulated line and the virtual clock."""
+"""Direction and echo around a port, on the simulated line and the virtual clock."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from collections.abc import Callable
 import pytest
 from transport.line_world import Listener
 
-from framekit.definition.times import Direction, LineSettings, Modem, parse_format
+from framekit.definition.times import Direction, parse_format
 from framekit.link.events import LineFault
 from framekit.transport.clock import VirtualClock
 from framekit.transport.port import Port
 from framekit.transport.simulated_line import SimulatedLine, Transmission
-from framekit.transport.wiring import HUNG_UP, DirectionPort, EchoFreePort, ModemPort, wired
+from framekit.transport.wiring import DirectionPort, EchoFreePort
 
 MS = 1_000_000
 SECOND = 1000 * MS
@@ -140,87 +140,3 @@ def test_a_port_without_echo_loses_no_answer() -> None:
     bench.clock.run_for(20 * MS)
     assert bench.here.bytes == b"noask", "long after the last bit it is no echo any more"
     assert port.missing == 2
-
-
-# ---- modem --------------------------------------------------------------------------------------------------
-
-
-class FakeModem(Listener):
-    """Answers commands as a modem does, with an echo of them."""
-
-    deaf = False
-    refuses = False
-
-    def received(self, data: bytes, now: int, faults: tuple[object, ...] = ()) -> None:
-        super().received(data, now)
-        if self.deaf or not self.bytes.endswith(b"\r"):
-            return
-        command = self.bytes.rstrip(b"\r").rpartition(b"\r")[2]
-        reply = b"ERROR" if self.refuses else b"CONNECT 9600" if command == b"ATA" else b"OK"
-        self.port.write(command + b"\r\r\n" + reply + b"\r\n")
-
-
-def with_modem(modem: Modem, **behaviour: bool) -> tuple[Bench, FakeModem]:
-    clock = VirtualClock()
-    bench = Bench.__new__(Bench)
-    bench.clock = clock
-    bench.line = SimulatedLine(clock, parse_format("8N1", 9600))
-    bench.inner, bench.far = bench.line.port("inner"), bench.line.port("far")
-    bench.port = wired(bench.inner, LineSettings(modem=modem), clock)
-    bench.here, fake = Listener(bench.inner), FakeModem(bench.far)
-    fake.deaf, fake.refuses = behaviour.get("deaf", False), behaviour.get("refuses", False)
-    bench.far.open(fake)
-    bench.port.open(bench.here)
-    clock.run_for(SECOND)
-    return bench, fake
-
-
-def test_a_modem_is_set_up_answers_and_the_port_is_open_while_somebody_is_there() -> None:
-    bench, fake = with_modem(Modem(init="ATZ;ATE0", answer=2))
-    assert fake.bytes == b"ATZ\rATE0\r" and bench.here.events == []
-    bench.port.write(b"nobody is there")
-    bench.far.write(b"\r\nRING\r\n")
-    bench.clock.run_for(SECOND)
-    assert fake.bytes == b"ATZ\rATE0\r", "it waits for the second ring"
-    bench.far.write(b"\r\nRING\r\n")
-    bench.clock.run_for(SECOND)
-    assert fake.bytes == b"ATZ\rATE0\rATA\r"
-    assert [name for name, _ in bench.here.events] == ["opened"]
-    fake.deaf = True
-    bench.far.write(b"hello")
-    bench.port.write(b"there")
-    bench.clock.run_for(SECOND)
-    assert bench.here.bytes == b"hello" and fake.bytes.endswith(b"ATA\rthere")
-    bench.far.write(b"\r\nNO CARRIER\r\n")
-    bench.clock.run_for(SECOND)
-    assert [name for name, _ in bench.here.events] == ["opened", "sent", f"closed: inner: {HUNG_UP}"]
-
-
-def test_a_dedicated_line_is_open_once_the_modem_is_set_up() -> None:
-    bench, fake = with_modem(Modem(init="ATZ", answer=None))
-    assert fake.bytes == b"ATZ\r"
-    assert [name for name, _ in bench.here.events] == ["opened"]
-    bench.far.write(b"NO CARRIER")
-    bench.clock.run_for(SECOND)
-    assert bench.here.bytes == b"NO CARRIER", "only data there"
-
-
-def test_the_carrier_is_lost() -> None:
-    bench, _ = with_modem(Modem(answer=1))
-    bench.far.write(b"RING\r\n")
-    bench.clock.run_for(SECOND)
-    assert isinstance(bench.port, ModemPort) and bench.port.connected
-    bench.inner.signal({"dcd": False})
-    bench.clock.run_for(SECOND)
-    assert bench.here.events[-1][0] == f"closed: inner: {HUNG_UP}"
-
-
-@pytest.mark.parametrize(
-    ("behaviour", "reason"),
-    [({"deaf": True}, "the modem does not answer"), ({"refuses": True}, "the modem refuses 'ATZ'")],
-)
-def test_a_modem_that_cannot_be_set_up(behaviour: dict[str, bool], reason: str) -> None:
-    bench, fake = with_modem(Modem(), **behaviour)
-    bench.clock.run_for(20 * SECOND)
-    assert [name for name, _ in bench.here.events] == [f"closed: inner: {reason}"]
-    assert fake.bytes.count(b"ATZ\r") == (3 if "deaf" in behaviour else 1)

@@ -1,0 +1,147 @@
+"""The run of the page about lines with a scripted modem on a pseudo-terminal: it dials, exchanges data, hangs up."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+from pathlib import Path
+
+import pytest
+from docs.pages import DOCS, snippets
+from transport.real_world import PtyMaster
+from transport.real_world import run as run_real
+from transport.scripted_modem import ScriptedModem
+
+from framekit.api.run import AsyncRun
+from framekit.transport.clock import AsyncioClock
+
+MS = 1_000_000
+REQUEST = bytes.fromhex("01 03 00 00 00 01 84 0A")
+REPLY = bytes.fromhex("01 03 02 12 34 B5 33")
+
+[EXAMPLE] = [snippet.text for snippet in snippets(DOCS / "lines.md") if snippet.file == "pump-house.run.yaml"]
+
+
+class Pump:
+    """The station at the other end of the telephone line."""
+
+    def __init__(self) -> None:
+        self.heard = b""
+
+    def __call__(self, data: bytes) -> bytes:
+        self.heard += data
+        return REPLY if self.heard.endswith(REQUEST) else b""
+
+
+class Telephone:
+    """A scripted modem at a pseudo-terminal."""
+
+    def __init__(self, *calls: str, has_echo: bool, has_words: bool) -> None:
+        self.cable = PtyMaster()
+        self.loop = asyncio.get_running_loop()
+        clock = AsyncioClock(self.loop)
+        self.pump = Pump()
+        self.modem = ScriptedModem(
+            self.write,
+            lambda delay, call: clock.call_at(clock.now() + delay, call),
+            clock.now,
+            list(calls),
+            has_echo=has_echo,
+            has_words=has_words,
+            takes=20 * MS,
+            guard=20 * MS,
+            answer=self.pump,
+        )
+        self.loop.add_reader(self.cable.fileno(), lambda: self.modem.feed(os.read(self.cable.fileno(), 1024)))
+
+    def write(self, data: bytes) -> None:
+        os.write(self.cable.fileno(), data)
+
+    def close(self) -> None:
+        self.loop.remove_reader(self.cable.fileno())
+        self.cable.close()
+
+
+def made_quick(text: str, port: str) -> str:
+    """The example with this port and short pauses."""
+    quick = "guard: 100 ms, pause: 50 ms, "
+    changed = text.replace("/dev/ttyUSB0", port).replace("pause: 10 s, ", quick)
+    assert quick in changed and port in changed
+    return changed.replace("    type: rs232\n", "    type: rs232\n    reconnect: 50 ms\n")
+
+
+async def opened(run: AsyncRun) -> None:
+    while run.status().channels[0].state != "open":
+        await asyncio.sleep(0)
+
+
+@pytest.mark.parametrize("has_echo", [True, False])
+@pytest.mark.parametrize("has_words", [True, False])
+def test_the_example_engaged_connected_lost_connected_and_hung_up(
+    has_echo: bool, has_words: bool, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO, "framekit.service.driver")
+
+    async def check() -> None:
+        phone = Telephone("BUSY", "CONNECT 9600", "CONNECT 9600", has_echo=has_echo, has_words=has_words)
+        port = phone.cable.path
+        path = tmp_path / "pump-house.run.yaml"
+        path.write_text(made_quick(EXAMPLE, port), "utf-8")
+        ended: asyncio.Queue[bool] = asyncio.Queue()
+        run = AsyncRun(path, on_end=lambda status, ok: ended.put_nowait(ok))
+        run.start()
+        await opened(run)
+        run.fire(0)
+        assert await ended.get() and run.status().channels[0].state == "open"
+        phone.modem.has_words = True
+        phone.modem.lose_carrier()
+        while run.status().channels[0].state == "open":
+            await asyncio.sleep(0)
+        assert run.status().channels[0].state == f"{port}: the connection with 0,62211234 is lost"
+        phone.modem.has_words = has_words
+        await opened(run)
+        run.fire(0)
+        assert await ended.get()
+        await run.finish()
+        assert phone.modem.commands == [*["ATZ", "ATX3", "ATDT0,62211234"] * 3, "ATH"]
+        assert not phone.modem.is_online, "the run has ended when the modem has hung up"
+        assert phone.pump.heard == REQUEST * 2
+        phone.close()
+
+    run_real(check())
+    first, second = caplog.messages
+    assert "the modem answers BUSY: 0,62211234 is engaged), trying again in 0.1 s" in first
+    assert "the connection with 0,62211234 is lost), trying again in 0.1 s" in second
+
+
+def test_a_channel_that_is_disabled_hangs_up_and_an_enabled_one_dials(tmp_path: Path) -> None:
+    async def check() -> None:
+        phone = Telephone("CONNECT", "CONNECT", has_echo=True, has_words=True)
+        path = tmp_path / "pump-house.run.yaml"
+        path.write_text(made_quick(EXAMPLE, phone.cable.path), "utf-8")
+        async with AsyncRun(path) as run:
+            await opened(run)
+            run.enable_channel(1, False)
+            while "ATH" not in phone.modem.commands:
+                await asyncio.sleep(0)
+            run.enable_channel(1)
+            await opened(run)
+        assert phone.modem.commands == ["ATZ", "ATX3", "ATDT0,62211234", "ATH"] * 2
+        phone.close()
+
+    run_real(check())
+
+
+def test_a_run_that_ends_while_it_dials_cancels_the_call(tmp_path: Path) -> None:
+    async def check() -> None:
+        phone = Telephone("", has_echo=True, has_words=True)
+        path = tmp_path / "pump-house.run.yaml"
+        path.write_text(made_quick(EXAMPLE, phone.cable.path), "utf-8")
+        async with AsyncRun(path):
+            while not phone.modem.dialled:
+                await asyncio.sleep(0)
+        assert not phone.modem.is_calling and "ATH" not in phone.modem.commands
+        phone.close()
+
+    run_real(check())
