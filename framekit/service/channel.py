@@ -337,6 +337,8 @@ class RunChannels:
         self._monitor = monitor
         self.channels = channels
         self.devices: dict[int, list[DeviceService]] = {}
+        self._replaced: dict[int, Port] = {}
+        """Closed ports of channels whose successors are not open yet."""
 
     def of_run(self, run: RunModel, number: int) -> Made:
         """Return a channel of a run; see `make`."""
@@ -371,11 +373,13 @@ class RunChannels:
         before = self.channels.get(number)
         if before is not None:
             made[0].counters.add(before.counters)
+            self._replaced[number] = before.driver.port
         self.channels[number], self.devices[number] = made
 
     def remove(self, number: int) -> None:
         """Forget a channel and its devices."""
         del self.channels[number], self.devices[number]
+        self._replaced.pop(number, None)
 
     def receive_for(self, run: RunModel, keep: Collection[int]) -> None:
         """Pass received frames to the blocks of this run; remove channels that it does not have, except `keep`."""
@@ -386,11 +390,20 @@ class RunChannels:
                 self.remove(number)
 
     def open(self, number: int) -> None:
-        """Open the ports of the devices on the line of a channel, then its own port unless it is switched off."""
+        """Open the ports of the devices on the line of a channel, then its own port unless it is switched off.
+
+        If a modem still hangs up at the port of its predecessor, which may be the same device, its own port opens after
+        that.
+        """
         for device in self.devices[number]:
             device.start()
-        if self.channels[number].channel.enabled:
-            self.channels[number].start()
+        channel = self.channels[number]
+        if channel.channel.enabled:
+            replaced = self._replaced.pop(number, None)
+            if replaced is None:
+                channel.start()
+            else:
+                replaced.when_closed(lambda: None if channel.driver.stopped else channel.start())
 
     def stop_devices(self, number: int) -> None:
         """Close the ports of the devices on the line of a channel."""

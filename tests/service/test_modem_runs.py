@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import os
+from itertools import chain
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ from transport.real_world import run as run_real
 from transport.scripted_modem import ScriptedModem
 
 from framekit.api.run import AsyncRun
+from framekit.runfile.run_file import load_run
 from framekit.transport.clock import AsyncioClock
 
 MS = 1_000_000
@@ -131,6 +133,29 @@ def test_a_channel_that_is_disabled_hangs_up_and_an_enabled_one_dials(tmp_path: 
         phone.close()
 
     run_real(check())
+
+
+def test_an_edited_channel_dials_when_its_modem_has_hung_up(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO, "framekit.service.driver")
+
+    async def check() -> None:
+        phone = Telephone("CONNECT", "CONNECT", has_echo=True, has_words=True)
+        path = tmp_path / "pump-house.run.yaml"
+        text = made_quick(EXAMPLE, phone.cable.path)
+        path.write_text(text, "utf-8")
+        async with AsyncRun(path) as run:
+            await opened(run)
+            path.write_text(text.replace("6221 1234", "6221 5678"), "utf-8")
+            run.edit(load_run(path))
+            while len(phone.modem.dialled) < 2:
+                await asyncio.sleep(0)
+            await opened(run)
+        calls = (["ATZ", "ATX3", f"ATDT0,6221{number}", "ATH"] for number in ("1234", "5678"))
+        assert phone.modem.commands == [*chain(*calls)]
+        phone.close()
+
+    run_real(check())
+    assert caplog.messages == [], "the device was not opened while the modem hung up"
 
 
 def test_a_run_that_ends_while_it_dials_cancels_the_call(tmp_path: Path) -> None:
