@@ -229,8 +229,8 @@ class Outcome:
     """Number of bad frames that arrived as replies."""
 
     @property
-    def reported(self) -> str:
-        """Return the name of the failure for users: after damaged replies the device did answer."""
+    def failure_name(self) -> str:
+        """Return the name of the failure for users: `damaged_reply` if damaged replies came."""
         return "damaged_reply" if self.damaged and self.outcome in NO_REPLY else self.outcome
 
 

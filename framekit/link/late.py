@@ -101,7 +101,7 @@ class LateReplies:
 
     __slots__ = (
         "_greatest", "_is_stream", "_late", "_scope", "_service", "_table", "count", "expected", "heard_until",
-        "is_answering", "items", "last", "lost", "noisy", "open", "slow", "strange_since", "until", "within",
+        "items", "last", "lost", "noisy", "open", "slow", "strange_since", "until", "within",
     )  # fmt: skip
 
     def __init__(self, protocol: Protocol, scope: Scope, table: FrameTable) -> None:
@@ -126,8 +126,6 @@ class LateReplies:
         self.slow = SlowStations()
         self._greatest: dict[Hashable, tuple[int, int]] = {}
         """For each station the greatest lateness, and when it was measured."""
-        self.is_answering = False
-        """Whether frames came in this hold that answer a request with several frames."""
         self.strange_since = 0
         """Time of the first frame in this hold that answers no open request; 0: none came."""
         self.noisy = -1
@@ -260,9 +258,6 @@ class LateReplies:
     def time_over(self) -> None:
         """End the hold. Requests that are still open make the line out of step."""
         self.until = self.strange_since = 0
-        if self.is_answering:  # late frames came, and then none for as long as the last one took
-            self.is_answering = False
-            self.open.clear()
 
     def is_without_end(self, since: int) -> bool:
         """Return whether a request was held back for too long by frames that answer no open request."""
@@ -278,7 +273,6 @@ class LateReplies:
         self.items.clear()
         if self._is_stream:
             self.open.clear()
-            self.is_answering = False
             self.until = self.last = self._service = self.strange_since = 0
 
     # ---- replies that no row takes ------------------------------------------------------------------------
@@ -303,7 +297,6 @@ class LateReplies:
             service = self._match(found)
             if not self.expected.is_single:  # it may be one of several frames that answer the request
                 self.open.insert(0, found)
-                self.is_answering = True
             if not self.open:
                 self.until = 0
                 return found

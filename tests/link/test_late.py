@@ -536,3 +536,52 @@ def test_the_end_waits_for_a_frame_that_is_kept_back() -> None:
     assert len(side.sent) == 1 and not ended
     side.until(2 * SECOND)
     assert ended == [2]
+
+
+TWO_FRAMES = (
+    REGISTERS.replace(
+        "  written: {group", "  accepted: {group: reply, where: {code: 9}, body: []}\n  written: {group"
+    ).replace("echo: [station, code]", "echo: [station]")
+    + """
+sequences:
+  exchange:
+    takes: [request]
+    gives: {reply: answer}
+    local: {answer: frame}
+    steps:
+      - step: ask
+        send: request
+        receive: [{frame: accepted, then: next}]
+        within: reply_timeout
+        on_timeout: {fail: no_reply}
+      - step: answer
+        receive: [{frame: expected, set: {answer: it}, then: end}]
+        within: reply_timeout
+        on_timeout: {fail: no_reply}
+"""
+)
+"""Each request is answered by two frames: it is accepted, and its values follow."""
+
+
+@pytest.mark.parametrize("later", [0, 3, 15])
+def test_a_late_second_frame_of_a_reply_is_not_that_of_the_next_request(later: int) -> None:
+    """The hold ends when no further frame came for as long as the first was late, but the second may still come."""
+    side = Side(TWO_FRAMES)
+    accepted = side.engine.table.infos["accepted"].encode({"station": 3, "code": 9}, side.engine.scope)
+    side.read("R1", 11)
+    side.until(1500 * MS)
+    assert side.values == ["no_reply"]
+    side.come(accepted)
+    side.until(3500 * MS + later * SECOND)
+    side.read("R2", 22)
+    assert len(side.sent) == 2, "the hold is over"
+    side.come(accepted)
+    side.reply(0)
+    assert side.values == ["no_reply"], "that is the second frame of the first reply"
+    while len(side.values) == 1:
+        count = len(side.sent)
+        side.until(side.now + 100 * MS)
+        if len(side.sent) > count:
+            side.come(accepted)
+            side.reply(-1)
+    assert side.values[1] in ([22], "late_replies")

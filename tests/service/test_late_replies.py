@@ -249,3 +249,46 @@ def test_a_write_is_sent_once_where_retries_are_0(name: str, retries: int, sent:
     requests = [one for one in world.seen if one.kind == "frame" and one.direction == "out"]
     assert len(requests) == sent
     assert world.clock.now() > 20 * SECOND if retries == 0 else world.clock.now() < 12 * SECOND
+
+
+@pytest.mark.parametrize(("name", "frame"), [("snp-x", "x_write"), ("ccm", "header"), ("ccm-peer", "header")])
+def test_a_write_is_sent_once_where_the_protocol_has_no_retries(name: str, frame: str) -> None:
+    """Neither the definition nor the user allows a second one."""
+    world = LateWorld(name, FaultRule(kind="no_reply", begin=2 * SECOND, end=6 * SECOND), watched=True)
+    assert world.exchange() == "ok"
+    world.clock.run_until(3 * SECOND)
+    world.write(5)
+    world.clock.run_until(7 * SECOND)
+    for value in (7, 8):
+        world.seen.clear()
+        assert world.write(value).ok
+        assert [one.frame for one in world.seen if one.direction == "out"].count(frame) == 1
+
+
+SLOW_PROCEDURES = {"snp": (2, 55), "snp-x": (2.5, 50), "ccm": (0.8, 16), "ccm-peer": (0.8, 16)}
+"""The time limit of a reply, and the greatest lateness (s): 20 time limits, but what no open request outlasts is 60 s,
+and SNP waits 10 s for the first reply of a session."""
+
+
+def check_slow_procedure(name: str, part: float, count: int) -> None:
+    limit, greatest = SLOW_PROCEDURES[name]
+    late = int((limit + part * (greatest - limit)) * SECOND)
+    random = Random(f"{name} {part}")
+    world = LateWorld(name, lateness=lambda now: late if random.random() < 0.1 else 0)
+    world.exchanges(count)
+    assert world.wrong == [] and world.late > 0
+    assert world.outcomes["ok"] >= 0.4 * count, world.outcomes
+
+
+PARTS = (0.1, 0.3, 1)
+
+
+@pytest.mark.parametrize(("name", "part"), list(product(SLOW_PROCEDURES, PARTS))[::2])
+def test_slow_devices_of_procedures_of_their_own_store_nothing_wrong(name: str, part: float) -> None:
+    check_slow_procedure(name, part, 60)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("name", "part"), list(product(SLOW_PROCEDURES, PARTS)))
+def test_slow_devices_of_procedures_of_their_own_store_nothing_wrong_in_many(name: str, part: float) -> None:
+    check_slow_procedure(name, part, max(60, MANY // len(PARTS)))

@@ -464,11 +464,14 @@ class Transfer(Exchange):
                 self._go(self._engine.scope.now)
 
     def may_repeat(self) -> bool:
-        """Return whether the present exchange only reads, or `retries` allows repeats."""
+        """Return whether the present exchange only reads, or `retries` allows repeats.
+
+        Without this parameter neither the definition nor the user allows that something is written twice.
+        """
         if self._plan.exchanges[self._next - 1].row.reads:
             return True
         retries = self.params["retries"] if "retries" in self.params else self._engine.scope.get("retries")
-        return bool(retries != 0)
+        return bool(retries)
 
     def suspected(self, results: dict[str, Any]) -> None:
         """Have it proved that the reply is no echo of the request, then read it."""
@@ -494,7 +497,7 @@ class Transfer(Exchange):
         """End with a failure; if the reply is a refusal, with its code."""
         place = self._next - 1
         one, request = self._plan.exchanges[place], self._made[place][0]
-        result = TransferResult(False, outcome=outcome.reported, cause=outcome.cause)
+        result = TransferResult(False, outcome=outcome.failure_name, cause=outcome.cause)
         try:
             refusal = one.refusal(outcome.reply, request)
             if refusal is not None:
