@@ -22,7 +22,7 @@ if __name__ == "__main__":
     HERE = Path(__file__).resolve().parent
     sys.path[:0] = [str(HERE), str(HERE.parent)]
 
-from c_harness import GCC, SANITIZERS
+from c_harness import SANITIZERS, gcc, object_of
 from shipped import PROTOCOLS
 
 from framekit.codec.c.generate import Generated, generate
@@ -59,13 +59,11 @@ def fuzz(name: str, size: int, seed: int, folder: Path) -> Fuzzed | None:
     codec = compile_protocol(definition)
     fixed = {one.name: constant_number(one.is_) for one in definition.params.values()}
     context = {**codec.defaults, **{name: one for name, one in fixed.items() if one is not None}}
-    (folder / f"{made.name}.h").write_text(made.header)
-    (folder / f"{made.name}.c").write_text(made.source)
     (folder / "fuzz.c").write_text(_program(made, _seeds(made, codec, context)))
-    assert GCC is not None
     quick = "-O1" if size > 1_000_000 else "-O0"  # optimizing takes longer than it saves with fewer bytes
-    command = [GCC, "-std=c99", quick, *SANITIZERS, f"{made.name}.c", "fuzz.c", "-o", "fuzz"]
-    subprocess.run(command, cwd=folder, check=True)
+    flags = ["-std=c99", quick, *SANITIZERS]
+    done = gcc([*flags, "fuzz.c", object_of(made, folder, flags), "-o", "fuzz"], folder)
+    assert done.returncode == 0, done.stderr[:4000]
     done = subprocess.run([str(folder / "fuzz"), str(size), str(seed)], capture_output=True, text=True)
     if done.returncode:
         return Fuzzed(name, 0, 0, 0, 0, done.stderr[-6000:] or f"status {done.returncode}")

@@ -47,24 +47,36 @@ _REASONS = [
 ]
 
 
+def gcc(words: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
+    assert GCC is not None
+    return subprocess.run([GCC, *words], cwd=folder, capture_output=True, text=True)
+
+
+def object_of(made: Generated, folder: Path, flags: list[str]) -> str:
+    """Write the C of a protocol to `folder`, compile it unless it has been, and return the name of its object file."""
+    found = folder / f"{made.name}.o"
+    if not found.exists():
+        (folder / f"{made.name}.h").write_text(made.header)
+        (folder / f"{made.name}.c").write_text(made.source)
+        done = gcc([*flags, "-c", f"{made.name}.c", "-o", found.name], folder)
+        assert done.returncode == 0, f"{done.stderr[:4000]}"
+    return found.name
+
+
 class CProtocol:
     """The C of a protocol, compiled and running."""
 
     def __init__(self, definition: Protocol, folder: Path, most: int = 1024, sanitized: bool = True) -> None:
-        assert GCC is not None
         self.definition = definition
         self.codec = compile_protocol(definition)
         fixed = {one.name: constant_number(one.is_) for one in definition.params.values()}
         self.context = {**self.codec.defaults, **{name: one for name, one in fixed.items() if one is not None}}
         self.generated = generate(definition, most)
         made = self.generated
-        (folder / f"{made.name}.h").write_text(made.header)
-        (folder / f"{made.name}.c").write_text(made.source)
         (folder / "main.c").write_text(_main(made))
         program = folder / "asked"
         flags = [*WARNINGS, "-O0", *(SANITIZERS if sanitized else [])]
-        names = [f"{made.name}.c", "main.c"]
-        done = subprocess.run([GCC, *flags, *names, "-o", str(program)], cwd=folder, capture_output=True, text=True)
+        done = gcc([*flags, "main.c", object_of(made, folder, flags), "-o", program.name], folder)
         assert done.returncode == 0, f"{done.stderr[:4000]}"
         self.program = program
 
@@ -541,30 +553,27 @@ def alike(wanted: str, answer: str) -> bool:
     return place == len(theirs)
 
 
-def encoded_alike(c: CProtocol, frame: str, asked: list[Mapping[str, Any]]) -> list[str]:
-    """Where C and Python do not make the same bytes of values, or only one of them refuses these."""
+def encoded_alike(c: CProtocol, asked: list[tuple[str, Mapping[str, Any]]]) -> list[str]:
+    """Return the frames and values that C and Python encode differently, or that only one of them refuses."""
     made = c.generated
-    name = identifier(frame)
     lines, wanted = [], []
-    for values in asked:
+    for frame, values in asked:
         try:
             words = tokens(values, made.structs[frame], made)
         except (TypeError, ValueError, KeyError, AttributeError, OverflowError, packing.error):
             continue
         if not _holdable(values, made.structs[frame], made):
             continue
-        lines.append(" ".join([f"e {name} 70000", *words]))
         try:
-            wanted.append((values, "+ " + c.codec.encode(frame, values, c.context).hex()))
+            ours = "+ " + c.codec.encode(frame, values, c.context).hex()
         except EncodeError as error:
-            if "missing" in str(error) or "is computed as" in str(
-                error
-            ):  # a member is always there; encode computes it
-                lines.pop()
+            if "missing" in str(error) or "is computed as" in str(error):  # a struct has every member
                 continue
-            wanted.append((values, f"- {error}"))
+            ours = f"- {error}"
+        lines.append(" ".join([f"e {identifier(frame)} 70000", *words]))
+        wanted.append((frame, values, ours))
     found = []
-    for (values, ours), theirs in zip(wanted, c.ask(lines), strict=True):
+    for (frame, values, ours), theirs in zip(wanted, c.ask(lines), strict=True):
         if ours != theirs and not (ours[0] == "-" and theirs[0] == "-") and theirs != "- no_room":
             found.append(f"{frame} {values}: Python {ours[:300]}, C {theirs[:300]}")
     return found
@@ -648,7 +657,7 @@ def changed_values(random_: random.Random, value: Any) -> Any:
 def encode_trial(c: CProtocol, seed: int, samples: int = 6, changes: int = 8) -> list[str]:
     """Drawn values and changed ones, of every frame that the C has."""
     random_ = random.Random(seed)
-    found: list[str] = []
+    asked: list[tuple[str, Mapping[str, Any]]] = []
     only = {frame for frame, _, _ in c.generated.to_give}
     for frame in _ordered(c.generated):  # those that such a frame may stand in, too
         if only & set(_inside(c.generated.structs[frame])):
@@ -657,14 +666,12 @@ def encode_trial(c: CProtocol, seed: int, samples: int = 6, changes: int = 8) ->
     for frame in c.generated.frames:
         if frame in not_built:
             continue
-        asked: list[Mapping[str, Any]] = []
         for sample in Sampler(c.codec, c.context).samples(frame, samples):
-            asked.append(sample.read)
+            asked.append((frame, sample.read))
             if frame not in only:
-                asked.append(sample.values)
-                asked += (changed_values(random_, sample.values) for _ in range(changes))
-        found += encoded_alike(c, frame, asked)
-    return found
+                asked.append((frame, sample.values))
+                asked += ((frame, changed_values(random_, sample.values)) for _ in range(changes))
+    return encoded_alike(c, asked)
 
 
 def measure_trial(c: CProtocol, seed: int, samples: int = 4, changes: int = 3) -> list[str]:
