@@ -15,7 +15,6 @@ from framekit.definition.problems import plural
 from framekit.definition.times import NEVER, LineFormat, readable_time
 from framekit.link.events import CharacterFault, Command, LineFault
 from framekit.run.trouble import TroubleReport
-from framekit.service.behind import Behind
 from framekit.service.capture import Capture
 from framekit.service.driver import Driver, LineLoad
 from framekit.transport.clock import AsyncioClock, Clock
@@ -372,64 +371,32 @@ def heard_data(heard: Heard, began: int) -> dict[str, Any]:
     return {key: value for key, value in line.items() if value not in ("", {}, [])}
 
 
-MOST_WAITING = 1 << 20
-"""Largest number of bytes of rows that wait for their reader."""
-
-
 class ByteView:
-    """Shows events: as `rows`, or without them as an object a line, in seconds since `began`.
+    """Shows events: as `rows`, or without them as an object a line, in seconds since `began`; `show` gets each line."""
 
-    `write` is called in a thread: a blocked terminal or a slow reader delays no work; it misses rows, and gets a
-    message with their number. `on_error` is called in that thread when writing has become impossible; `error` is the
-    reason.
-    """
-
-    def __init__(
-        self,
-        clock: Clock,
-        began: int,
-        rows: ByteRows | None,
-        write: Callable[[bytes], object],
-        on_error: Callable[[], object] = lambda: None,
-        most: int = MOST_WAITING,
-    ) -> None:
+    def __init__(self, clock: Clock, began: int, rows: ByteRows | None, show: Callable[[str], object]) -> None:
         self._began = began
         self._rows = rows
-        self._left_out = 0
-        self._behind = Behind(write, most, "shows bytes", on_error)
+        self._show = show
         self._alarm = clock.alarm(self._ring)
-
-    @property
-    def error(self) -> OSError | None:
-        return self._behind.error
 
     def show(self, heard: Heard) -> None:
         """Show an event."""
         if self._rows is None:
-            self._tell([json.dumps(heard_data(heard, self._began), ensure_ascii=False)])
+            self._show(json.dumps(heard_data(heard, self._began), ensure_ascii=False))
         else:
-            self._tell(self._rows.add(heard))
+            self._show_rows(self._rows.add(heard))
             self._alarm.set(self._rows.deadline)
 
     def _ring(self) -> None:
         if self._rows is not None:
-            self._tell(self._rows.end_row())
+            self._show_rows(self._rows.end_row())
 
-    def _tell(self, rows: list[str]) -> None:
+    def _show_rows(self, rows: list[str]) -> None:
         for row in rows:
-            if self._left_out:
-                missing = f"({plural(self._left_out, 'row')} left out: the reader is too slow)"
-                if self._rows is None:
-                    missing = json.dumps({"event": "left_out", "count": self._left_out})
-                if not self._behind.write(f"{missing}\n".encode()):
-                    self._left_out += 1
-                    continue
-                self._left_out = 0
-            if not self._behind.write(f"{row}\n".encode()):
-                self._left_out = 1
+            self._show(row)
 
     def close(self) -> None:
-        """Show unfinished rows, and return when everything is shown."""
+        """Show the unfinished row."""
         self._ring()
         self._alarm.cancel()
-        self._behind.close()

@@ -38,6 +38,7 @@ from framekit.run.status import ChannelStatus as ChannelStatus
 from framekit.run.status import JobsStatus as JobsStatus
 from framekit.run.status import RunStatus as RunStatus
 from framekit.run.status import SinkStatus as SinkStatus
+from framekit.run.trouble import Count, TroubleSource
 from framekit.run.trouble import Trouble as Trouble
 from framekit.run.trouble import TroubleReport as TroubleReport
 from framekit.runfile.run_file import load_run, only_reading
@@ -368,6 +369,15 @@ class RunCalls:
         It is called in the thread in which the trouble occurred, and must not wait for the run.
         """
         self._service.troubles.listen(listener)
+
+    def trouble_source(
+        self, name: str, effect: Callable[[], str], count: Callable[[], Count], unit: str
+    ) -> TroubleSource:
+        """Register a part of the program whose troubles belong to the run: its status, page and metrics show them.
+
+        Arguments as of `Troubles.source`.
+        """
+        return self._service.troubles.source(name, effect, count, unit)
 
     @property
     def never_open(self) -> list[str]:

@@ -450,28 +450,6 @@ def json_line(value: Any, default: Callable[[Any], Any] | None = None) -> str:
     return "".join(sign if sign.isprintable() else json.dumps(sign)[1:-1] for sign in text)
 
 
-class Unread:
-    """Watch a loop: `stop` is called when the reader of the output has gone; `error` is the reason."""
-
-    def __init__(self, loop: asyncio.AbstractEventLoop, stop: Callable[[], None]) -> None:
-        self.error: BrokenPipeError | None = None
-        self._stop = stop
-        loop.set_exception_handler(self._raised)
-
-    def _raised(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        error = context.get("exception")
-        if not isinstance(error, BrokenPipeError):
-            loop.default_exception_handler(context)
-            return
-        self.error = error
-        self._stop()
-
-    def check(self) -> None:
-        """Raise the error, if any."""
-        if self.error is not None:
-            raise self.error
-
-
 ARROWS = {"in": "←", "out": "→", "": " "}
 """The sign of each direction of a frame."""
 

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from framekit import Client, Failure
     from framekit.api.commands import CommandBlocks, CommandEnd, JobLine, JobProfile, JobStatus, Meaning, Span
     from framekit.api.settings import ClientSettings
+    from framekit.cli.live_output import LiveOutput
     from framekit.definition.model.protocol import Protocol
 
 
@@ -270,12 +271,15 @@ def carry_out_jobs(
     from framekit.api.commands import profile_of
     from framekit.api.errors import FramekitError
     from framekit.cli.device_verbs import failed, settings_of
+    from framekit.cli.live_output import live_output
 
     profile = profile_of(application)
     try:
         settings = settings_of(arguments, protocol)
         settings.station_for(None)
-        return asyncio.run(JobCommands(application, profile, settings, arguments).carry_out(records))
+        with live_output(arguments.json) as live:
+            status = asyncio.run(JobCommands(application, profile, settings, arguments, live).carry_out(records))
+            return live.report_losses() or status
     except FramekitError as error:
         return failed(arguments, error)
 
@@ -284,12 +288,14 @@ class JobCommands:
     """The commands of one call."""
 
     def __init__(
-        self, application: Protocol, profile: JobProfile, settings: ClientSettings, arguments: argparse.Namespace
-    ) -> None:
+        self, application: Protocol, profile: JobProfile, settings: ClientSettings, arguments: argparse.Namespace,
+        live: LiveOutput,
+    ) -> None:  # fmt: skip
         self.application = application
         self.profile = profile
         self.settings = settings
         self.arguments = arguments
+        self.live = live
         self.line: JobLine | None = None
         self.output: CommandOutput | None = None
         self.changed = asyncio.Event()
@@ -306,12 +312,11 @@ class JobCommands:
         """
         from framekit.api.commands import blocks_on, line_of_jobs
         from framekit.api.errors import RequestError
-        from framekit.cli.common import Unread
         from framekit.cli.device_verbs import show
         from framekit.definition.problems import DefinitionError
 
         on_stop(self._stop)
-        unread = Unread(asyncio.get_running_loop(), self._stop)
+        self.live.stops(self._stop)
         monitor = show if self.arguments.frames else None
         line = line_of_jobs(self.application, self.profile, self.settings, monitor, self._closed)
         output = CommandOutput(blocks_on(line), self.settings.protocol, self.arguments)
@@ -328,15 +333,14 @@ class JobCommands:
         if limit is not None:
             line.clock.call_at(self.began + limit, self._stop)
         try:
-            status = 0
-            for data in records:
-                status = await self._command(line, output, data)
-                unread.check()
-                if status or self.stopped:
-                    return status
-            await self._until(lambda: not line.active)
-            unread.check()
-            return self._exit_status(line)
+            with self.live.may_drop():
+                status = 0
+                for data in records:
+                    status = await self._command(line, output, data)
+                    if status or self.stopped:
+                        return status
+                await self._until(lambda: not line.active)
+                return self._exit_status(line)
         finally:
             line.stop()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
@@ -179,20 +180,24 @@ def run_read(arguments: argparse.Namespace) -> int:
 
     if arguments.every is None:
         return carry_out(arguments, lambda client: output(arguments, read(client, arguments)), check=check)
-    status = 0
+    from framekit.cli.live_output import live_output
 
-    def repeat(client: Client) -> None:
-        nonlocal status
-        with until_stopped():
-            for _ in cycle(arguments.every, arguments.times):
-                status = once(client, arguments)
+    status, gone = 0, threading.Event()
+    with live_output(arguments.json) as live:
+        live.on_gone(gone.set)
 
-    return carry_out(arguments, repeat, check=check) or status
+        def repeat(client: Client) -> None:
+            nonlocal status
+            with until_stopped(), live.may_drop():
+                for _ in cycle(arguments.every, arguments.times, gone):
+                    status = once(client, arguments)
+
+        status = carry_out(arguments, repeat, check=check) or status
+        return live.report_losses() or status
 
 
-def cycle(every: str, times: int | None) -> Iterator[None]:
-    """Yield at the times of reading, without drift; missed times are left out. Raises WordsError."""
-
+def cycle(every: str, times: int | None, ended: threading.Event) -> Iterator[None]:
+    """Yield at the times of reading, without drift, until `ended`; missed times are left out. Raises WordsError."""
     period = max(1, time_of("--every", every))
     if times is not None and times < 1:
         raise WordsError(f"--times: {times} is no number of readings – give 1 or more")
@@ -202,7 +207,8 @@ def cycle(every: str, times: int | None) -> Iterator[None]:
             return
         if number:
             begin += ((time.monotonic_ns() - begin) // period + 1) * period
-            time.sleep(max(0, begin - time.monotonic_ns()) / 1e9)
+            if ended.wait(max(0, begin - time.monotonic_ns()) / 1e9):
+                return
         yield
 
 

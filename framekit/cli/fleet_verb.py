@@ -22,6 +22,7 @@ from framekit.cli.common import (
     time_of,
     until_stopped,
 )
+from framekit.cli.live_output import LiveOutput, live_output
 from framekit.definition.problems import printable
 
 if TYPE_CHECKING:
@@ -87,11 +88,15 @@ def run_fleet(arguments: argparse.Namespace) -> int:
             return show_answers(fleet.roll(names, file, token, seconds), arguments.json)
         if missing:
             raise VerbError(f"there is no gateway '{missing[0]}' in the fleet '{group}' of {access}")
-        show(fleet, arguments)
-        if arguments.watch:
-            with until_stopped():
-                watch(fleet, arguments, changed, duration)
-    return 0
+        if not arguments.watch:
+            show(fleet, arguments)
+            return 0
+        with live_output(arguments.json) as live:
+            show(fleet, arguments)
+            live.on_gone(lambda: changed.put(""))
+            with until_stopped(), live.may_drop():
+                watch(fleet, arguments, changed, duration, live)
+            return live.report_losses()
 
 
 def refuse_useless(arguments: argparse.Namespace) -> None:
@@ -185,12 +190,15 @@ def show(fleet: Fleet, arguments: argparse.Namespace) -> None:
     sys.stdout.flush()
 
 
-def watch(fleet: Fleet, arguments: argparse.Namespace, changed: queue.SimpleQueue[str], duration: int | None) -> None:
-    """Print changes until the time (ns) is over."""
+def watch(
+    fleet: Fleet, arguments: argparse.Namespace, changed: queue.SimpleQueue[str], duration: int | None,
+    live: LiveOutput,
+) -> None:  # fmt: skip
+    """Print changes until the time (ns) is over, or the reader of the output has gone."""
     until = None if duration is None else time.monotonic() + duration / 1e9
     shown = {one.name: row_of(one) for one in wanted(fleet, arguments)}
     connected = True
-    while until is None or time.monotonic() < until:
+    while not live.gone and (until is None or time.monotonic() < until):
         left = LOOKS_EVERY if until is None else max(0.0, min(LOOKS_EVERY, until - time.monotonic()))
         with suppress(queue.Empty):
             changed.get(timeout=left)

@@ -147,11 +147,14 @@ def _show(
 
     In text output the address of the page comes last, in JSON first.
     """
+    from framekit.cli.live_output import live_output
+
     duration = duration_of(arguments.duration)
 
     async def shown() -> None:
         ended = asyncio.Event()
         on_stop(ended.set)
+        live.stops(ended.set)
         if not arguments.json:
             print_results()
         async with page.shows(board, to):
@@ -159,7 +162,8 @@ def _show(
                 print_results()
             await until(duration, ended)
 
-    asyncio.run(shown())
+    with live_output(arguments.json) as live:
+        asyncio.run(shown())
 
 
 def heard_in(files: list[Path]) -> list[HeardBytes]:

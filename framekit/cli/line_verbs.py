@@ -34,6 +34,7 @@ from framekit.cli.common import (
     until,
     why_not,
 )
+from framekit.cli.live_output import LiveOutput, live_output
 from framekit.cli.screen import LiveSession, show
 from framekit.definition.problems import plural
 from framekit.transport.schemes import help_on_ports
@@ -57,14 +58,16 @@ def add_monitor_arguments(parser: argparse.ArgumentParser) -> None:
 def run_monitor(arguments: argparse.Namespace) -> int:
     protocol = load(arguments.protocol)
     duration = duration_of(arguments.duration)
-    begin_log(arguments.log)
     if arguments.screen:
+        begin_log(arguments.log)
         return show(MonitorSession(protocol, arguments, duration))
     printer = _Printer(protocol, arguments)
-    try:
-        return asyncio.run(_listen(protocol, arguments, printer, duration))
-    except OSError as error:
-        raise VerbError(why_not(error)) from None
+    with live_output(arguments.json) as live:
+        begin_log(arguments.log)
+        try:
+            return asyncio.run(_listen(protocol, arguments, printer, duration, live))
+        except OSError as error:
+            raise VerbError(why_not(error)) from None
 
 
 class _Printer:
@@ -125,13 +128,16 @@ class _Printer:
             print(f"{frames}, {counters.bad} bad, {noise} of noise{load}")
 
 
-async def _listen(protocol: Protocol, arguments: argparse.Namespace, printer: _Printer, duration: int | None) -> int:
+async def _listen(
+    protocol: Protocol, arguments: argparse.Namespace, printer: _Printer, duration: int | None, live: LiveOutput
+) -> int:
     """Listen until the time is over, or SIGINT or SIGTERM arrives; return the exit status.
 
     Raises WordsError, PortError.
     """
     ended = asyncio.Event()
     on_stop(ended.set)
+    live.stops(ended.set)
     states: list[str] = []
 
     def state(text: str) -> None:
@@ -144,7 +150,8 @@ async def _listen(protocol: Protocol, arguments: argparse.Namespace, printer: _P
     printer.began = time.monotonic_ns()
     monitor.start()
     try:
-        await until(duration, ended)
+        with live.may_drop():
+            await until(duration, ended)
     finally:
         monitor.stop()
     if states and "open" not in states:
@@ -152,7 +159,7 @@ async def _listen(protocol: Protocol, arguments: argparse.Namespace, printer: _P
     printer.summary(monitor)
     for trouble in monitor.lost:
         print(trouble, file=sys.stderr)
-    return 1 if monitor.lost else 0
+    return live.report_losses() or (1 if monitor.lost else 0)
 
 
 def monitor_of(

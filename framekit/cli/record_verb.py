@@ -25,6 +25,7 @@ from framekit.cli.common import (
     until,
     why_not,
 )
+from framekit.cli.live_output import LiveOutput, live_output
 from framekit.definition.problems import plural
 from framekit.transport.schemes import help_on_ports
 
@@ -62,13 +63,12 @@ def add_record_arguments(parser: argparse.ArgumentParser) -> None:
 def run_record(arguments: argparse.Namespace) -> int:
     _check(arguments)
     duration = duration_of(arguments.duration)
-    begin_log(arguments.log)
-    try:
-        return asyncio.run(_run(arguments, duration))
-    except OSError as error:
-        if isinstance(error, BrokenPipeError):
-            raise
-        raise VerbError(why_not(error)) from None
+    with live_output(arguments.json) as live:
+        begin_log(arguments.log)
+        try:
+            return asyncio.run(_run(arguments, duration, live))
+        except OSError as error:
+            raise VerbError(why_not(error)) from None
 
 
 def _check(arguments: argparse.Namespace) -> None:
@@ -87,7 +87,7 @@ def _check(arguments: argparse.Namespace) -> None:
         raise WordsError("--pause: write a time above 0")
 
 
-async def _run(arguments: argparse.Namespace, duration: int | None) -> int:
+async def _run(arguments: argparse.Namespace, duration: int | None, live: LiveOutput) -> int:
     stopped = asyncio.Event()
     line = _line(arguments.format or "8N1", 9600 if arguments.speed is None else arguments.speed)
     if arguments.tries:
@@ -95,7 +95,7 @@ async def _run(arguments: argparse.Namespace, duration: int | None) -> int:
         if verdict.line is None or stopped.is_set() or arguments.output is None:
             return 0 if verdict.certainty in ("sure", "likely") else 1
         line = verdict.line
-    return await _record(arguments, line, duration, stopped)
+    return await _record(arguments, line, duration, stopped, live)
 
 
 def _line(form: str, speed: int) -> LineFormat:
@@ -110,7 +110,9 @@ def _line(form: str, speed: int) -> LineFormat:
 # ---- recording ------------------------------------------------------------------------------------------------
 
 
-async def _record(arguments: argparse.Namespace, line: LineFormat, duration: int | None, stopped: asyncio.Event) -> int:
+async def _record(
+    arguments: argparse.Namespace, line: LineFormat, duration: int | None, stopped: asyncio.Event, live: LiveOutput
+) -> int:
     """Record until the time is over, or SIGINT or SIGTERM arrives; return the exit status.
 
     Raises WordsError, PortError, OSError.
@@ -118,14 +120,15 @@ async def _record(arguments: argparse.Namespace, line: LineFormat, duration: int
     from framekit.api.record import LEGEND, ByteRows, ByteView, Recorder, clock_of_loop, usual_pause
     from framekit.transport.schemes import scheme_of
 
-    loop, began = asyncio.get_running_loop(), time.monotonic_ns()
+    began = time.monotonic_ns()
     on_stop(stopped.set)
+    live.stops(stopped.set)
     kind = scheme_of(arguments.ports[0])
     pause = usual_pause(line if kind is not None and kind.wires else None)
     if arguments.pause is not None:
         pause = time_of("--pause", arguments.pause)
     rows = None if arguments.json else ByteRows(began, pause)
-    view = ByteView(clock_of_loop(), began, rows, _print, lambda: loop.call_soon_threadsafe(stopped.set))
+    view = ByteView(clock_of_loop(), began, rows, print)
     last: dict[int, str] = {}
     failed: list[str] = []
     opened: set[int] = set()
@@ -155,30 +158,25 @@ async def _record(arguments: argparse.Namespace, line: LineFormat, duration: int
     recorder.watch_troubles(print_trouble)
     recorder.start()
     try:
-        await until(duration, stopped)
+        with live.may_drop():
+            await until(duration, stopped)
     finally:
         recorder.stop()
         view.close()
     if failed:
         _drop_empty(arguments.output, recorder)
         raise PortError(failed[0])
-    if isinstance(view.error, BrokenPipeError):
-        raise view.error
+    live.check()
     _summary(arguments, recorder)
     for problem in recorder.problems:
         _say(problem)
-    return 1 if recorder.problems else 0
+    return live.report_losses() or (1 if recorder.problems else 0)
 
 
 def _drop_empty(path: Path | None, recorder: Recorder) -> None:
     """Delete an empty recording, such as of a port that could not be opened."""
     if path is not None and path.is_file() and not any(wire.counts.bytes for wire in recorder.wires):
         path.unlink(missing_ok=True)
-
-
-def _print(data: bytes) -> None:
-    sys.stdout.write(data.decode())
-    sys.stdout.flush()
 
 
 def _say(text: str) -> None:

@@ -28,6 +28,7 @@ from framekit.api.rows import (
     trouble_row,
 )
 from framekit.cli.common import ARROWS, json_line, plain, print_trouble, seen_data, seen_text, table, tables, told
+from framekit.cli.live_output import OUTPUT
 from framekit.codec.shown import shown
 from framekit.definition.problems import plural
 from framekit.definition.times import format_time, milliseconds
@@ -411,6 +412,8 @@ class JsonOutput(RunOutput):
 
     def trouble(self, report: TroubleReport) -> None:
         found = report.trouble
+        if found.name == OUTPUT:
+            print_trouble(report)
         line = {"event": "run_trouble", "time": self.seconds(found.since), "what": report.event, "text": report.text}
         sys.stdout.write(f"{json_line(line | trouble_data(found))}\n")
         sys.stdout.flush()

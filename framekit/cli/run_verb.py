@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 from framekit.cli.common import (
     PortError,
-    Unread,
     VerbError,
     WordsError,
     add,
@@ -28,6 +27,7 @@ from framekit.cli.common import (
     why_not,
     without_collecting,
 )
+from framekit.cli.live_output import LiveOutput, live_output
 from framekit.cli.screen import LiveSession, show
 from framekit.cli.web_option import WebPage, add_web
 
@@ -79,6 +79,14 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_run(arguments: argparse.Namespace) -> int:
+    if arguments.virtual or arguments.screen:
+        return _run(arguments, None)
+    with live_output(arguments.json) as live:
+        return _run(arguments, live)
+
+
+def _run(arguments: argparse.Namespace, live: LiveOutput | None) -> int:
+    """Execute the run file, with `live` in real time; return the exit status. Raises VerbError, DefinitionError."""
     from framekit.api.check import loads_of
     from framekit.api.run import content_of, reads_only
     from framekit.api.run import loaded as load_run
@@ -129,11 +137,11 @@ def run_run(arguments: argparse.Namespace) -> int:
     if loaded.fleet is not None and arguments.virtual:
         output.warning("on simulated time the run is no part of its fleet")
     try:
-        if arguments.virtual:
+        if live is None:
             assert duration is not None
             ended = _virtual(loaded, output, watch, duration)
         else:
-            ended = asyncio.run(_real(arguments, watch, began_with, make_output, output, loaded, duration))
+            ended = asyncio.run(_real(arguments, watch, began_with, make_output, output, live, loaded, duration))
     except BrokenPipeError:
         raise
     except OSError as error:
@@ -181,9 +189,10 @@ def _virtual(loaded: RunModel, output: RunOutput, watch: RunWatch, duration: int
 
 async def _real(
     arguments: argparse.Namespace, watch: RunWatch, began_with: Watched,
-    make_output: Callable[[RunModel], RunOutput], output: RunOutput, loaded: RunModel, duration: int | None,
+    make_output: Callable[[RunModel], RunOutput], output: RunOutput, live: LiveOutput, loaded: RunModel,
+    duration: int | None,
 ) -> Ended:  # fmt: skip
-    return await RealRun(arguments, watch, began_with, make_output, output).carry_out(loaded, duration)
+    return await RealRun(arguments, watch, began_with, make_output, output, live).carry_out(loaded, duration)
 
 
 class RealRun:
@@ -193,12 +202,12 @@ class RealRun:
 
     def __init__(
         self, arguments: argparse.Namespace, watch: RunWatch, began_with: Watched,
-        make_output: Callable[[RunModel], RunOutput], output: RunOutput,
+        make_output: Callable[[RunModel], RunOutput], output: RunOutput, live: LiveOutput,
     ) -> None:  # fmt: skip
         self.path: Path = arguments.run
         self.watch, self.began_with = watch, began_with
         self._arguments = arguments
-        self._make_output, self._output = make_output, output
+        self._make_output, self._output, self._live = make_output, output, live
         self._ended = asyncio.Event()
         self._gateway: Gateway | None = None
         self._run: AsyncRun | None = None
@@ -210,18 +219,17 @@ class RealRun:
         on_stop(self._ended.set)
         if self._arguments.control:
             self._read_control()
-        unread = Unread(asyncio.get_running_loop(), self._ended.set)
+        self._live.stops(self._ended.set)
         self._left = duration
         with self._in_fleet(loaded):
             page = WebPage(self._arguments)
             while True:
-                ended = await self._one(loaded, page, unread)
+                ended = await self._one(loaded, page)
                 gateway = self._gateway
-                if gateway is None or gateway.next_run is None or unread.error is not None:
+                if gateway is None or gateway.next_run is None or self._live.gone:
                     break
                 loaded, page = gateway.next_run, WebPage(self._arguments)
                 self._output = self._make_output(loaded)
-        unread.check()
         return ended
 
     def _in_fleet(self, loaded: RunModel) -> AbstractContextManager[object]:
@@ -255,7 +263,7 @@ class RealRun:
         """Return the recorder of the frames of the lines: for the page, the output, or None."""
         return page.monitor(None if self.watch.quiet else self._output.tape)
 
-    async def _one(self, loaded: RunModel, page: WebPage, unread: Unread) -> Ended:
+    async def _one(self, loaded: RunModel, page: WebPage) -> Ended:
         gateway, loop = self._gateway, asyncio.get_running_loop()
         run = self._begun(loaded, page)
         output = self._output
@@ -265,7 +273,7 @@ class RealRun:
         if gateway is not None:
             gateway.begins(run)
         async with page.of_run(run):
-            with without_collecting():
+            with without_collecting(), self._live.may_drop(run.trouble_source):
                 run.start()
                 if gateway is not None:
                     gateway.has_begun()
@@ -276,12 +284,12 @@ class RealRun:
                 finally:
                     if watching is not None:
                         watching.cancel()
-                    if unread.error is None:
+                    if not self._live.gone:
                         self.watch.at_end()
                     await run.finish()
         if self._left is not None:
             self._left = max(0, self._left - round((loop.time() - began) * 1e9))
-        return Ended([], []) if unread.error is not None else _summary(run, output)
+        return Ended([], []) if self._live.gone else _summary(run, output)
 
     def _read_control(self) -> None:
         """Begin to read control lines; the end of the input ends the control, not the run."""

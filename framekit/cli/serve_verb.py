@@ -7,7 +7,7 @@ import asyncio
 import contextlib
 import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 from framekit.cli.common import (
@@ -32,6 +32,7 @@ from framekit.cli.common import (
     why_not,
     without_collecting,
 )
+from framekit.cli.live_output import LiveOutput, live_output
 from framekit.cli.screen import LiveSession, show
 from framekit.cli.web_option import WebPage, add_web
 from framekit.transport.schemes import help_on_ports
@@ -98,15 +99,23 @@ def add_serve_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_serve(arguments: argparse.Namespace) -> int:
+    if not arguments.screen:
+        with live_output(arguments.json) as live:
+            return _run(arguments, live)
+    return _run(arguments, None)
+
+
+def _run(arguments: argparse.Namespace, live: LiveOutput | None) -> int:
+    """Serve, without `live` in the display; return the exit status. Raises VerbError, DefinitionError."""
     begin_log(arguments.log)
     duration, every = duration_of(arguments.duration), period_of(arguments.status_every)
     server = server_of(arguments)
     if arguments.screen and arguments.web is not None:
         raise WordsError("--web tells its address in a line – leave --screen out")
-    if arguments.screen:
+    if live is None:
         return show(ServeSession(server, duration))
     with contextlib.suppress(asyncio.CancelledError):
-        return asyncio.run(_serve(arguments, server, duration, every, WebPage(arguments)))
+        return asyncio.run(_serve(arguments, server, duration, every, WebPage(arguments), live))
     return 0
 
 
@@ -143,7 +152,8 @@ def _assigned(texts: Iterable[str], form: str) -> dict[str, str]:
 
 
 async def _serve(
-    arguments: argparse.Namespace, server: AsyncServer, duration: int | None, every: int, page: WebPage
+    arguments: argparse.Namespace, server: AsyncServer, duration: int | None, every: int, page: WebPage,
+    live: LiveOutput,
 ) -> int:  # fmt: skip
     """Serve until the time is over, or SIGINT or SIGTERM arrives; return the exit status.
 
@@ -151,7 +161,8 @@ async def _serve(
     """
     ended = asyncio.Event()
     on_stop(ended.set)
-    output = (JsonServeOutput if arguments.json else TextServeOutput)(server, ended.set)
+    live.stops(ended.set)
+    output = (JsonServeOutput if arguments.json else TextServeOutput)(server)
     for text in warnings_of(server):
         output.warning(text)
     if not arguments.quiet:
@@ -163,7 +174,7 @@ async def _serve(
         async with page.of_devices(server):
             output.ready()
             _show_status(output, every, ended)
-            with without_collecting():
+            with without_collecting(), live.may_drop():
                 await until(duration, ended)
             ended.set()
             output.summary()
@@ -171,8 +182,7 @@ async def _serve(
         server.close_now()
     for trouble in server.lost:
         output.warning(trouble)
-    output.check()
-    return 1 if server.lost else 0
+    return live.report_losses() or (1 if server.lost else 0)
 
 
 async def _open(server: AsyncServer) -> None:
@@ -213,28 +223,15 @@ def warnings_of(server: AsyncServer) -> list[str]:
 
 
 class ServeOutput:
-    """Watches devices. `lost` is called when the reader of the output has gone."""
+    """Watches devices."""
 
-    def __init__(self, server: AsyncServer, lost: Callable[[], None]) -> None:
+    def __init__(self, server: AsyncServer) -> None:
         self.server = server
         self.began = time.monotonic_ns()
-        self.lost = lost
         self.is_ready = False
-        self._trouble: OSError | None = None
 
     def line(self, text: str) -> None:
-        """Print a line at once. If that fails, serving ends."""
-        if self._trouble is None:
-            try:
-                print(text, flush=True)
-            except OSError as error:
-                self._trouble = error
-                self.lost()
-
-    def check(self) -> None:
-        """Raise OSError if a line could not be printed."""
-        if self._trouble is not None:
-            raise self._trouble
+        print(text, flush=True)
 
     def seconds(self, at: int) -> float:
         return (at - self.began) / 1e9

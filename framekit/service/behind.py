@@ -9,16 +9,12 @@ from collections.abc import Callable
 class Behind:
     """Passes records to `write`, in order, in a thread of its own; about `most` bytes may wait.
 
-    `error`: the OSError raised by `write`; then `on_error` is called in the thread, and later records are discarded.
+    `write` handles its failures. If it raises an error all the same, later records are refused.
     """
 
-    def __init__(
-        self, write: Callable[[bytes], object], most: int, name: str, on_error: Callable[[], object] = lambda: None
-    ) -> None:
-        self.error: OSError | None = None
+    def __init__(self, write: Callable[[bytes], object], most: int, name: str) -> None:
         self._write = write
         self._most = most
-        self._on_error = on_error
         self._records: list[bytes] = []
         self._waiting = 0
         self._ended = False
@@ -46,6 +42,15 @@ class Behind:
         self._thread.join()
 
     def _run(self) -> None:
+        try:
+            self._write_records()
+        finally:
+            with self._change:
+                self._ended = True
+                self._change.notify_all()
+
+    def _write_records(self) -> None:
+        """Write records until the end."""
         while True:
             with self._change:
                 while not self._records and not self._ended:
@@ -54,12 +59,7 @@ class Behind:
             if not records:
                 return
             data = b"".join(records)
-            if self.error is None:
-                try:
-                    self._write(data)
-                except OSError as error:
-                    self.error = error
-                    self._on_error()
+            self._write(data)
             with self._change:
                 self._waiting -= len(data)
                 self._change.notify_all()

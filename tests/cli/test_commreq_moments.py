@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import io
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -40,7 +42,8 @@ PROFILE: Any = SimpleNamespace(words={"good": 1, "late": 2, "period": 3}, text_o
 
 def test_a_transfer_beside_the_answer_of_another_command(capsys: pytest.CaptureFixture[str]) -> None:
     async def at_work() -> int:
-        commands = JobCommands(None, PROFILE, None, argparse.Namespace(json=False))  # type: ignore[arg-type]
+        given = argparse.Namespace(json=False)
+        commands = JobCommands(None, PROFILE, None, given, None)  # type: ignore[arg-type]
         line: Any = SimpleNamespace(
             clock=SimpleNamespace(now=lambda: 0), carry_out=lambda data, answered: answered(None)
         )
@@ -55,15 +58,17 @@ def test_a_transfer_beside_the_answer_of_another_command(capsys: pytest.CaptureF
 
 
 def test_nobody_reads_any_more_while_a_command_waits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def unread() -> None:
-        raise BrokenPipeError
+    class Unread(io.StringIO):
+        def write(self, text: str) -> int:
+            raise BrokenPipeError
 
     async def waits(self: JobCommands, *_: Any) -> int:
-        asyncio.get_running_loop().call_soon(unread)
+        asyncio.get_running_loop().call_soon(print, "an event")
         await self._until(lambda: False)
         return NO_ANSWER
 
     monkeypatch.setattr(JobCommands, "_command", waits)
+    monkeypatch.setattr(sys, "stdout", Unread())
     device = tmp_path / "plc.device.yaml"
     device.write_text("device: plc\nprotocol: srtp\n", encoding="utf-8")
     words = ["commreq", "srtp", "--commands", "ge-channels", "--port", f"sim:{device}", "2003"]

@@ -1,4 +1,4 @@
-"""A run, and a command with jobs, whose output nobody reads any more: they end, and without a traceback."""
+"""Verbs that keep a line alive end without a traceback when the reader of their output has gone."""
 
 from __future__ import annotations
 
@@ -27,6 +27,7 @@ WORDS = ["2003", "5", "0", "1", "1", "0", "8", "100", "8", "50", "4", "1", "4", 
             ["run", "unread.run.yaml"],
             ["run", "unread.run.yaml", "--json"],
             ["run", "unread.run.yaml", "--virtual", "--for", "1h"],
+            ["read", "modbus-tcp", "--port", "sim:far.device.yaml", "--station", "1", "40001", "--every", "5 ms"],
             ["commreq", "srtp", "--commands", "ge-channels", "--port", "sim:plc.device.yaml", *WORDS],
         ],
         4,

@@ -1,0 +1,416 @@
+"""Standard output and standard error of verbs that keep a line alive: a reader that does not read stops no exchange.
+
+While the context `live_output` lasts, `print` puts whole lines into a queue for each stream, and a thread writes them.
+While `LiveOutput.may_drop` lasts, the queue is bounded: when it is full, whole lines are dropped and counted, and the
+loss is reported as a trouble, and by a line in the output once it is read again. Outside of it every line is kept. At
+the end the context waits until all lines are written.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import select
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from typing import TYPE_CHECKING, Any, Protocol, TextIO
+
+from framekit.cli.common import VerbError, json_line, print_trouble
+from framekit.cli.terminal import GuardedTerminal, harmless, unguarded
+from framekit.definition.problems import plural
+
+if TYPE_CHECKING:
+    from framekit.api.trouble import Count, Troubles, TroubleSource
+
+MOST_WAITING = 4 << 20
+"""Number of waiting bytes at which a queue is full; it takes lines again when half of them are written."""
+AT_ONCE = 1 << 16
+"""Largest number of bytes of one write."""
+RETRY = 1.0
+"""Seconds between two attempts to write to a stream that fails, such as a file on a full disk."""
+
+OUTPUT = "standard output"
+UNREAD = "nobody reads it"
+GONE = "its reader has gone"
+"""The name of the first stream, and reasons of the trouble of a stream."""
+
+
+class MakeSource(Protocol):
+    """Registers a part of a run, as `Troubles.source` does."""
+
+    def __call__(
+        self, name: str, effect: Callable[[], str], count: Callable[[], Count], unit: str
+    ) -> TroubleSource: ...
+
+
+class QueuedStream:
+    """A standard stream whose lines are written by a thread. Any thread may write, and never waits.
+
+    `loss_line` returns the line that replaces dropped lines, from their number and the reason. `on_gone` is called in
+    the writer thread when the reader has closed its end; without it that is a trouble. Everything except writing is
+    left to the stream itself.
+    """
+
+    def __init__(
+        self, stream: TextIO, name: str, loss_line: Callable[[int, str], str], on_gone: Callable[[], object] | None
+    ) -> None:
+        self.stream = stream
+        self.name = name
+        self.gone = False
+        """Whether the reader has closed its end; then lines are discarded."""
+        self.error = ""
+        """Reason of the last failed write; empty after a successful one."""
+        self._loss_line, self._on_gone = loss_line, on_gone
+        self._encoded, self._write = _functions_of(stream)
+        self._change = threading.Condition()
+        self._queue: deque[bytes] = deque()
+        self._begun: dict[int, str] = {}
+        """The begin of an unfinished line, by the thread that writes it."""
+        self._waiting = self._waiting_lines = 0
+        """Bytes and lines that are not written yet."""
+        self._lost = self._dropped = 0
+        """Lines lost since the start, and since the queue became full."""
+        self._is_full = False
+        self._source: TroubleSource | None = None
+        """The trouble while lines may be dropped."""
+        self._has_thread = self._ending = self._closed = False
+
+    # ---- for those who print ------------------------------------------------------------------------------
+
+    def write(self, text: str) -> int:
+        """Queue the whole lines of a text, and keep the begin of an unfinished line; return the length of the text."""
+        thread = threading.get_ident()
+        lines, first_dropped = "", None
+        with self._change:
+            if not (is_over := self._closed):
+                lines, newline, rest = (self._begun.pop(thread, "") + text).rpartition("\n")
+                lines += newline
+                if rest:
+                    self._begun[thread] = rest
+                if lines:
+                    first_dropped = self._take(lines)
+        if is_over:
+            self.stream.write(text)
+        elif first_dropped is not None:
+            self._is_unread(first_dropped)
+            with self._change:
+                self._lost += lines.count("\n")  # the trouble has begun before its first loss
+        return len(text)
+
+    def writelines(self, lines: Any) -> None:
+        """Write several texts."""
+        for line in lines:
+            self.write(line)
+
+    def flush(self) -> None:
+        """Flush the stream after the end; before it every line is written as soon as possible."""
+        if self._closed:
+            self.stream.flush()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.stream, name)
+
+    def _take(self, lines: str) -> TroubleSource | None:
+        """Queue or drop lines; return the trouble if they are the first to be dropped."""
+        number, source = lines.count("\n"), self._source
+        if self.gone:
+            return None
+        if self._is_full:
+            self._lost += number
+            self._dropped += number
+        elif source is not None and self._waiting >= MOST_WAITING:
+            self._is_full, self._dropped = True, number
+            return source
+        else:
+            self._put(self._encoded(lines))
+        return None
+
+    def _put(self, data: bytes) -> None:
+        self._queue.append(data)
+        self._waiting += len(data)
+        self._waiting_lines += data.count(b"\n")
+        if not self._has_thread:
+            self._has_thread = True
+            self.stream.flush()
+            threading.Thread(target=self._run, name=f"writes {self.name}", daemon=True).start()
+        self._change.notify_all()
+
+    # ---- trouble ------------------------------------------------------------------------------------------
+
+    @contextmanager
+    def may_drop(self, make: MakeSource) -> Iterator[None]:
+        """Drop lines for which the queue has no room, while the context lasts; `make` registers the trouble."""
+        from framekit.api.trouble import Count
+
+        before = self._lost
+        source = make(
+            self.name, self._effect, lambda: Count(waiting=self._waiting_lines, lost=self._lost - before), "line"
+        )
+        with self._change:
+            self._source = source
+        try:
+            if reason := GONE if self.gone else self.error:
+                source.begins(reason)
+            yield
+        finally:
+            with self._change:
+                self._source = None
+                self._end_loss()
+
+    def _effect(self) -> str:
+        return "lines are lost until it is read" if self._is_full else "" if self.gone else "lines wait"
+
+    def _is_unread(self, source: TroubleSource) -> None:
+        """Report that the queue is full."""
+        if source.reason:
+            source.loses(f"{self._waiting_lines:,} lines wait, from now on lines are lost")
+        else:
+            source.begins(UNREAD)
+
+    def _end_loss(self) -> None:
+        """Queue the line that replaces the dropped lines, and take lines again."""
+        if self._is_full:
+            self._is_full = False
+            self._put(self._encoded(self._loss_line(self._dropped, self.error or UNREAD)))
+
+    # ---- the writer thread --------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        while True:
+            with self._change:
+                self._change.wait_for(lambda: self._queue or self._ending)
+                if not self._queue:
+                    break
+                data = self._queue.popleft()
+                while self._queue and len(data) + len(self._queue[0]) <= AT_ONCE:
+                    data += self._queue.popleft()
+            try:
+                self._write_all(memoryview(data))
+            except (BrokenPipeError, ValueError):  # ValueError: the program has closed it
+                self._has_gone()
+        with self._change:
+            self._closed = True
+            self._change.notify_all()
+
+    def _write_all(self, data: memoryview) -> None:
+        """Write bytes, after failures again and again; give up if it fails at the end. Raise BrokenPipeError."""
+        while data:
+            try:
+                number = self._write(data[:AT_ONCE])
+            except BrokenPipeError:
+                raise
+            except OSError as error:
+                if not self._has_failed(error.strerror or str(error)):
+                    return
+            else:
+                self._has_written(data[:number])
+                data = data[number:]
+
+    def _has_written(self, data: memoryview) -> None:
+        """Count written bytes, and end the trouble if the queue has room again."""
+        with self._change:
+            self.error = ""
+            self._waiting -= len(data)
+            self._waiting_lines -= bytes(data).count(b"\n")
+            if self._is_full and self._waiting <= MOST_WAITING // 2:
+                self._end_loss()
+            source = None if self._is_full else self._source
+        if source is not None and source.reason:
+            source.ends()
+
+    def _has_failed(self, reason: str) -> bool:
+        """Report a failed write, and pause; at the end drop everything and return False."""
+        with self._change:
+            self.error = reason
+            source = self._source
+            if self._ending:
+                self._lost += self._waiting_lines
+                self._forget()
+                return False
+        if source is not None:
+            source.begins(reason)
+        with self._change:
+            self._change.wait_for(lambda: self._ending, RETRY)
+        return True
+
+    def _has_gone(self) -> None:
+        """Discard everything, and report that the reader has gone."""
+        with self._change:
+            self.gone, self._is_full, source = True, False, self._source
+            self._forget()
+        if self._on_gone is not None:
+            self._on_gone()
+        elif source is not None:
+            source.begins(GONE)
+
+    def _forget(self) -> None:
+        """Discard everything that waits."""
+        self._waiting = self._waiting_lines = 0
+        self._queue.clear()
+
+    def close(self) -> None:
+        """Wait until all lines are written, or cannot be written; later texts go to the stream itself."""
+        with self._change:
+            if not self.gone:
+                for begun in self._begun.values():
+                    self._put(self._encoded(begun))
+            self._begun.clear()
+            self._ending = True
+            self._change.notify_all()
+            try:
+                self._change.wait_for(lambda: self._closed or not self._has_thread)
+            finally:  # also after Ctrl-C
+                self._closed = True
+
+
+def _functions_of(stream: TextIO) -> tuple[Callable[[str], bytes], Callable[[memoryview], int]]:
+    """Return the functions that encode a text for a stream and write it.
+
+    The bytes of a stream with a file go to it directly: a thread that waits there holds no lock of the stream, which
+    the end of the program would need.
+    """
+    shown = harmless if isinstance(stream, GuardedTerminal) else str
+    text: TextIO = unguarded(stream)
+    buffer = getattr(text, "buffer", None)
+    file = getattr(buffer, "raw", buffer)
+    if sys.platform == "win32" or not isinstance(text, io.TextIOWrapper) or not isinstance(file, io.RawIOBase):
+
+        def write_text(data: memoryview) -> int:
+            text.write(bytes(data).decode("utf-8", "surrogatepass"))
+            text.flush()
+            return len(data)
+
+        return (lambda lines: shown(lines).encode("utf-8", "surrogatepass")), write_text
+    encoding, raw = text.encoding, file
+
+    def write(data: memoryview) -> int:
+        number = raw.write(data)
+        if number is None:  # another program has made the stream non-blocking
+            select.select([], [raw], [], RETRY)
+        return number or 0
+
+    return (lambda lines: shown(lines).encode(encoding, "backslashreplace")), write
+
+
+class LiveOutput:
+    """Both streams of a verb at work; a single queue for both if they lead to the same terminal, pipe or file."""
+
+    def __init__(self, as_json: bool) -> None:
+        self.output = self.errors = None
+        if sys.stdout is not None:
+            loss_line = _loss_data if as_json else _loss_text
+            self.output = QueuedStream(sys.stdout, OUTPUT, loss_line, self._has_gone)
+        if sys.stderr is not None:
+            if self.output is not None and _is_same(sys.stdout, sys.stderr):
+                self.errors = self.output
+            else:
+                self.errors = QueuedStream(sys.stderr, "standard error", _loss_text, None)
+        self.streams = [one for one in dict.fromkeys((self.output, self.errors)) if one is not None]
+        self._lock = threading.Lock()
+        self._stops: list[Callable[[], object]] = []
+        self._troubles: Troubles | None = None
+
+    @property
+    def gone(self) -> bool:
+        """Return whether the reader of standard output has gone."""
+        return self.output is not None and self.output.gone
+
+    def on_gone(self, stop: Callable[[], object]) -> None:
+        """Call `stop` when the reader of standard output has gone, in the writer thread."""
+        with self._lock:
+            self._stops.append(stop)
+        if self.gone:
+            stop()
+
+    def stops(self, stop: Callable[[], object]) -> None:
+        """Make the running loop call `stop` when the reader of standard output has gone."""
+        import asyncio
+
+        loop = asyncio.get_running_loop()
+
+        def has_gone() -> None:
+            with suppress(RuntimeError):  # the loop is closed
+                loop.call_soon_threadsafe(stop)
+
+        self.on_gone(has_gone)
+
+    def _has_gone(self) -> None:
+        with self._lock:
+            stops = list(self._stops)
+        for stop in stops:
+            stop()
+
+    @contextmanager
+    def may_drop(self, make: MakeSource | None = None) -> Iterator[None]:
+        """Drop lines for which a queue has no room while the context lasts.
+
+        `make` registers the troubles of the streams with a run; without it they are printed on standard error.
+        """
+        if make is None:
+            from framekit.api.trouble import Troubles
+
+            self._troubles = Troubles(time.monotonic_ns)
+            self._troubles.listen(print_trouble)
+            make = self._troubles.source
+        with ExitStack() as stack:
+            for stream in self.streams:
+                stack.enter_context(stream.may_drop(make))
+            yield
+
+    def report_losses(self) -> int:
+        """Print the losses since `may_drop` that belong to no run on standard error; return the exit status."""
+        lost = [] if self._troubles is None else [one for one in self._troubles.present() if one.lost]
+        for trouble in lost:
+            print(trouble, file=sys.stderr)
+        return 1 if lost else 0
+
+    def check(self) -> None:
+        """Raise BrokenPipeError if the reader of standard output has gone."""
+        if self.gone:
+            raise BrokenPipeError
+
+
+def _loss_text(number: int, reason: str) -> str:
+    return f"({plural(number, 'line')} {'was' if number == 1 else 'were'} lost here: {reason})\n"
+
+
+def _loss_data(number: int, reason: str) -> str:
+    return f"{json_line({'event': 'lost_lines', 'count': number, 'reason': reason})}\n"
+
+
+def _is_same(output: Any, errors: Any) -> bool:
+    """Return whether both streams lead to the same terminal, pipe or file."""
+    if unguarded(output) is unguarded(errors):
+        return True
+    try:
+        return os.path.sameopenfile(output.fileno(), errors.fileno())
+    except (OSError, ValueError, AttributeError):  # a stream without a file
+        return False
+
+
+@contextmanager
+def live_output(as_json: bool) -> Iterator[LiveOutput]:
+    """Queue what is printed while the context lasts; wait at its end until all of it is written.
+
+    Raise BrokenPipeError if the reader of standard output has gone, VerbError if standard output could not be written.
+    `as_json`: whether the lines of standard output are JSON objects.
+    """
+    before = sys.stdout, sys.stderr
+    live = LiveOutput(as_json)
+    streams: tuple[Any, Any] = live.output, live.errors
+    sys.stdout, sys.stderr = streams
+    try:
+        yield live
+    finally:
+        try:
+            for stream in live.streams:
+                stream.close()
+        finally:
+            sys.stdout, sys.stderr = before
+    live.check()
+    if live.output is not None and live.output.error:
+        raise VerbError(f"{live.output.name}: {live.output.error}")
