@@ -123,12 +123,6 @@ class Start:
         self.rows: list[FrameRow | None] = [None] * 256
         """How a good frame is read; None where no frame begins, or candidates have to be compared."""
 
-    def has_quick_row(self, buffer: bytes | bytearray, place: int, end: int) -> bool:
-        """Return whether a frame at `place` is read by a row and has a check code to test before."""
-        at = place + self.told_by
-        row = self.rows[buffer[at]] if at < end else None
-        return row is not None and row[3].intact is not None
-
     def add_rows(
         self, at: int, sole: Sequence[Sole | None], holders: Collection[str], marks: re.Pattern[bytes] | None
     ) -> None:

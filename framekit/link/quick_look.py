@@ -7,18 +7,15 @@ cannot be good. The codec judges frames that a quick look cannot handle.
 from __future__ import annotations
 
 import re
-from binascii import unhexlify
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from typing import Any, Literal, NamedTuple
 
 from framekit.codec.checks import function_of, residue_of
 from framekit.codec.python.choices import Leaf, Switch, fixed_bytes, in_order, tree_of
-from framekit.definition.codings import Hex
-from framekit.definition.expression import Expression, Name, names_in
+from framekit.definition.expression import Expression, Name
 from framekit.definition.model.frames import Frame, StaticSizes, parts_of
-from framekit.definition.model.segments import Bits, Check, Const, Data, Field, Inner, Length, Segment, Wrap
-from framekit.link.values import EVALUATION_ERRORS, Names, compile_expression
+from framekit.definition.model.segments import Bits, Check, Const, Data, Field, Inner, Length, Segment
 
 UNKNOWN = 1 << 62
 """A size that is larger than any frame."""
@@ -57,15 +54,11 @@ class Quick(NamedTuple):
     """The decoding of good frames of one kind by the byte at `at`."""
 
     at: int
-    enough: int
-    """The number of bytes that determine the size."""
-    most: int
-    """The upper limit of the size of a good frame."""
     rows: Sequence[Row | None]
     """The rows by the value of the byte; None if the codec must measure the frame."""
 
 
-NOT_QUICK = Quick(0, UNKNOWN, UNKNOWN, [None] * 256)
+NOT_QUICK = Quick(0, [None] * 256)
 
 
 def quick_of(
@@ -84,14 +77,14 @@ def quick_of(
         return NOT_QUICK
     fixed = None if frame.delimited else shapes.all(shapes.segments(frame)).fixed
     if fixed and decode is not None and (frame.most is None or fixed <= frame.most):
-        return Quick(0, 1, UNKNOWN, [(fixed, 0, decode)] * 256)
+        return Quick(0, [(fixed, 0, decode)] * 256)
     if by_byte is NO_SIZES:
         return NOT_QUICK
-    at, sizes, counted, most = by_byte
+    at, sizes, counted, _ = by_byte
     readers = fused[1] if fused is not None and fused[0] == at else [None] * 256
     every = zip(sizes, counted, readers, strict=True)
     rows = [None if size is None or size < 0 else (size, more, read) for size, more, read in every]
-    return Quick(at, max(at, *counted) + 1, most, rows)
+    return Quick(at, rows)
 
 
 def sizes_by_byte(frame: Frame, shapes: StaticSizes) -> SizesByByte:
@@ -220,9 +213,9 @@ def _counted_at(segment: Segment, places: Mapping[str, int]) -> int | None:
 def intact_of(frame: Frame) -> Intact | None:
     """Return a quick look at the restricted bytes of a frame and at its check code; None for a frame with neither.
 
-    The check code must be at the end and cover all bytes before it, or be part of hex digits between constants.
+    The check code must always be at the end and cover all bytes before it.
     """
-    check = _check_of(frame) or _check_in_digits(frame)
+    check = _check_of(frame)
     restricted = tuple(restricted_bytes(frame, fixed_bytes(frame.segments, True), True))
     if not restricted or (check is None and frame.inside):  # frames inside may move its bytes
         return check
@@ -272,9 +265,9 @@ def _check_of(frame: Frame) -> Intact | None:
     while count and isinstance(one := frame.segments[count - 1], Const) and one.when is None and one.refuse is None:
         count -= 1
     last, behind = frame.segments[count - 1] if count else None, StaticSizes({}).all(frame.segments[count:]).least
-    if not isinstance(last, Check) or last.form not in ("raw", "hex", "HEX") or last.verify != "error":
+    if not isinstance(last, Check) or last.form not in ("raw", "hex", "HEX"):
         return None
-    if behind and last.when is not None:
+    if last.when is not None or last.verify != "error":
         return None
     if frame.size is not None and not frame.tail:  # padding follows the code
         return None
@@ -285,43 +278,13 @@ def _check_of(frame: Frame) -> Intact | None:
     ):
         return None
     intact = _code_of(last) if last.form == "raw" else _digits_of(last)
-    if intact is not None and behind:
-        intact = _before(behind, intact)
-    return intact if last.when is None or intact is None else _where_there(last.when, frame.segments, intact)
+    return intact if intact is None or not behind else _before(behind, intact)
 
 
 @cache
 def _before(behind: int, intact: Intact) -> Intact:
     """Return the same quick look without the last bytes; it is shared by all frames that have it."""
     return lambda raw: intact(raw[:-behind])
-
-
-def _check_in_digits(frame: Frame) -> Intact | None:
-    """Return a quick look at digits between constants that include a check code over all bytes before it, else None."""
-    place = next((place for place, one in enumerate(frame.segments) if isinstance(one, Wrap)), 0)
-    wrap, around = frame.segments[place], (*frame.segments[:place], *frame.segments[place + 1 :])
-    if not isinstance(wrap, Wrap) or not isinstance(wrap.coding, Hex) or wrap.size is not None:
-        return None
-    if wrap.when is not None or frame.size is not None:
-        return None
-    if not all(isinstance(one, Const) and one.when is None and one.refuse is None for one in around):
-        return None
-    first, last = wrap.of[0], wrap.of[-1]
-    if not isinstance(last, Check) or last.form != "raw" or last.verify != "error" or last.when is not None:
-        return None
-    is_over_all = last.span is not None and last.span[0] in first.value_names and last.span[1] == "here"
-    if not last.method.is_of_bytes or last.wire or first.when is not None or not is_over_all:
-        return None
-    sizes, code = StaticSizes({}), _code_of(last)
-    before, behind = sizes.all(frame.segments[:place]).least, sizes.all(frame.segments[place + 1 :]).least
-
-    def intact(raw: bytes | bytearray) -> object:
-        try:
-            return code(unhexlify(raw[before : len(raw) - behind]))
-        except ValueError:
-            return False
-
-    return intact
 
 
 def _code_of(check: Check) -> Intact:
@@ -355,46 +318,3 @@ def _look_at_digits(code: Callable[..., int]) -> Intact:
         return raw[-2:].upper() == b"%02X" % (code(raw[:-2]) & 0xFF)
 
     return intact
-
-
-def _where_there(condition: Expression, segments: tuple[Segment, ...], intact: Intact) -> Intact | None:
-    """Return a quick look at a check code whose presence depends on one character at a fixed offset."""
-    names = names_in(condition.root)
-    name = next(iter(names)) if len(names) == 1 else None
-    place = None if name is None else _character_at(name, segments)
-    if name is None or place is None:
-        return None
-    holds = compile_expression(condition)
-    known: dict[int, bool] = {}
-
-    def is_there(byte: int) -> bool:
-        try:
-            return bool(holds(Names({name: chr(byte)})))
-        except EVALUATION_ERRORS:
-            return False
-
-    def look(raw: bytes | bytearray) -> object:
-        if place >= len(raw):
-            return True
-        there = known.get(raw[place])
-        if there is None:
-            there = known[raw[place]] = is_there(raw[place])
-        return not there or intact(raw)
-
-    return look
-
-
-def _character_at(name: str, segments: tuple[Segment, ...]) -> int | None:
-    """Return the offset of a field of one character, if it is always the same."""
-    place, shapes = 0, StaticSizes({})
-    for segment in segments:
-        if segment.when is not None or any(parts_of(segment, Inner)):
-            return None
-        if isinstance(segment, Field) and segment.name == name:
-            plain = segment.type.kind == "ascii" and segment.type.fixed_size == 1 and segment.type.pad is None
-            return place if plain and segment.values is None and segment.long is None else None
-        size = shapes.present(segment).fixed
-        if size is None:
-            return None
-        place += size
-    return None

@@ -73,9 +73,6 @@ class Verdict:
 NO_FRAME, NO_END = Verdict(-1), Verdict(0)
 UNSEEN, UNASKED = (0, 0), -1
 
-NO_FIT, MAY_FIT, FITS = 0, 1, 2
-"""Of a quick look at a position: no candidate can be good; one may become good; one is complete and may be good."""
-
 
 class Receiver:
     """Finds frames in the bytes of one direction of a line.
@@ -278,10 +275,11 @@ class Receiver:
             return None
         after, stream.position = stream.position, start
         for level in self._frames.at(stream.buffer[start]):
-            for info in level.infos:
-                size = 0 if info.name in self._declined else self._measure(info, start, len(stream.buffer))
-                good = self._read(info, start, start + size) if size > 0 else None
+            for group in level.singles:
+                size = 0 if group.name in self._declined else self._size(group, start, len(stream.buffer), None)
+                good = self._read(group.infos[0], start, start + size) if size > 0 else None
                 if good is not None:
+                    info = group.infos[0]
                     self._take(info, start, len(good[2]))
                     self._note_unread()
                     return self._arrived(*good[:3], start, info.make(*good[1:]))
@@ -432,12 +430,10 @@ class Receiver:
             here = start.left[buffer[at]] if at < limit else start.every
             at = place + here.skip_at
             skip = here.skips[buffer[at]] if at < limit and not is_marked else None
-            fit = FITS if skip is None or (skip and (is_new or limit - place <= skip)) else NO_FIT
-            if fit and place < passed and not (self._seen and base + place == self._seen_at):
-                fit = self._fit(here, place, limit, is_cut)
-            if fit == FITS and first < place and start.has_quick_row(buffer, place, limit):
-                break
-            if fit:
+            is_open = skip is None or (skip and (is_new or limit - place <= skip))
+            if is_open and place < passed and not (self._seen and base + place == self._seen_at):
+                is_open = not self._passes(here, place, limit, is_cut)
+            if is_open:
                 levels = here.levels
                 if is_marked or here.is_holding:
                     self._collect(place, not is_new)
@@ -601,11 +597,11 @@ class Receiver:
             self._trouble(info.name, error)
             return None
 
-    def _fit(self, here: Candidates, place: int, end: int, is_cut: bool) -> int:
-        """Return whether a candidate fits, by tables and quick looks: `NO_FIT`, `MAY_FIT` or `FITS`."""
+    def _passes(self, here: Candidates, place: int, end: int, is_cut: bool) -> bool:
+        """Return whether all candidates are surely bad or no frame, by tables and quick looks."""
         buffer, quiet, lost = self.stream.buffer, self._quiet, self._lost
         if here.is_holding:
-            return MAY_FIT
+            return False
         try:
             for group in here.groups:
                 size = None if group.sizes is None else group.size(buffer, place, end, quiet, lost)
@@ -613,16 +609,16 @@ class Receiver:
                     size = group.extent(buffer, place, end, self._names)
                 if size > 0:
                     if group.may_fit(buffer[place : place + size]):
-                        return FITS
+                        return False
                 elif size == quiet:
                     stop = self._silence_after(place)
                     if stop is None or group.may_fit(buffer[place:stop]):
-                        return MAY_FIT
+                        return False
                 elif size and size != lost and not is_cut:
-                    return MAY_FIT
+                    return False
         except CODEC_ERRORS:
-            return MAY_FIT
-        return NO_FIT
+            return False
+        return True
 
     def _silence_after(self, place: int) -> int | None:
         """Return where the next silence stands, the same for all positions of one run; None if it has not come."""
@@ -641,13 +637,6 @@ class Receiver:
         except CODEC_ERRORS as error:
             for info in group.infos:
                 self._trouble(info.name, error)
-            return 0
-
-    def _measure(self, info: FrameInfo, place: int, end: int) -> int:
-        try:
-            return info.measure(self.stream.buffer, place, end, self._names, 0)
-        except CODEC_ERRORS as error:
-            self._trouble(info.name, error)
             return 0
 
     def _at_silence(self, silent: list[FrameInfo], place: int) -> Reading | Verdict | None:

@@ -186,15 +186,12 @@ class Names(dict[str, Any]):
         self.formulas = formulas
 
     def __missing__(self, name: str) -> Any:
-        level = self
-        while (formulas := level.formulas) is None or name not in formulas:
-            parent = level.parent
-            if parent is None:
-                raise KeyError(name)
-            if name in parent:
-                return parent[name]
-            level = parent
-        return formulas[name](level)
+        formulas, parent = self.formulas, self.parent
+        if formulas is not None and name in formulas:
+            return formulas[name](self)
+        if parent is None:
+            raise KeyError(name)
+        return parent[name]
 
     @property
     def remembered(self) -> dict[Any, Any] | None:
