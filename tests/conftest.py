@@ -10,6 +10,7 @@ import pytest
 from hypothesis import settings
 from shipped import FRAMES
 
+from framekit.api.event_loop import LOOP_VARIABLE
 from framekit.codec import codec
 from framekit.codec.cache import CacheFolder, DefinitionCache, cache_folder
 from framekit.definition.load import protocol as library
@@ -60,6 +61,20 @@ def small_heap(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setattr(gc, "unfreeze", gc.freeze)  # what the test leaves out of them stays so until its end
     yield
     unfreeze()
+
+
+os.environ.setdefault(LOOP_VARIABLE, "asyncio")
+"""Most tests run in the loop that every installation has; `FRAMEKIT_LOOP=uvloop make test` runs them in the other."""
+
+
+@pytest.fixture(scope="module", params=["asyncio", "uvloop"])
+def each_loop(request: pytest.FixtureRequest) -> Iterator[str]:
+    """Run the tests of a module in both event loops; those in uvloop are skipped where it is not installed."""
+    library: str = request.param
+    pytest.importorskip(library)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(LOOP_VARIABLE, library)
+        yield library
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

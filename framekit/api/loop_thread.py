@@ -13,6 +13,8 @@ from collections.abc import Callable, Coroutine
 from concurrent.futures import CancelledError, Future
 from typing import Any, ParamSpec, Self, TypeVar
 
+from framekit.api.event_loop import new_event_loop
+
 T = TypeVar("T")
 Made = TypeVar("Made")
 P = ParamSpec("P")
@@ -26,7 +28,7 @@ class LoopThread:
     """A thread whose loop runs from its creation until `stop`. Any number of threads may use it."""
 
     def __init__(self, name: str) -> None:
-        self.loop = asyncio.new_event_loop()
+        self.loop = new_event_loop()
         self._lock = threading.Lock()
         self._stopping = False
         self._thread = threading.Thread(target=self._run, daemon=True, name=name)

@@ -10,7 +10,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Coroutine, Iterable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TextIO, TypeVar
@@ -410,6 +410,22 @@ def in_words() -> Iterator[None]:
         raise WordsError(str(error)) from None
     except LineClosedError as error:
         raise PortError(str(error)) from None
+
+
+def run_in_loop(coroutine: Coroutine[Any, Any, V]) -> V:
+    """Return the result of a coroutine, which runs in a new event loop (`FRAMEKIT_LOOP`). Raise WordsError."""
+    import asyncio
+
+    from framekit.api.event_loop import new_event_loop
+
+    try:
+        with in_words():
+            loop = new_event_loop()
+    except WordsError:
+        coroutine.close()
+        raise
+    with asyncio.Runner(loop_factory=lambda: loop) as runner:
+        return runner.run(coroutine)
 
 
 def table(rows: Sequence[Sequence[str]], head: Sequence[str]) -> str:

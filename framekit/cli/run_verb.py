@@ -22,6 +22,7 @@ from framekit.cli.common import (
     on_stop,
     period_of,
     print_json,
+    run_in_loop,
     told_once,
     until,
     why_not,
@@ -141,7 +142,7 @@ def _run(arguments: argparse.Namespace, live: LiveOutput | None) -> int:
             assert duration is not None
             ended = _virtual(loaded, output, watch, duration)
         else:
-            ended = asyncio.run(_real(arguments, watch, began_with, make_output, output, live, loaded, duration))
+            ended = run_in_loop(_real(arguments, watch, began_with, make_output, output, live, loaded, duration))
     except BrokenPipeError:
         raise
     except OSError as error:

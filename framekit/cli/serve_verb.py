@@ -24,6 +24,7 @@ from framekit.cli.common import (
     period_of,
     plain,
     print_trouble,
+    run_in_loop,
     seen_data,
     seen_text,
     tables,
@@ -115,7 +116,7 @@ def _run(arguments: argparse.Namespace, live: LiveOutput | None) -> int:
     if live is None:
         return show(ServeSession(server, duration))
     with contextlib.suppress(asyncio.CancelledError):
-        return asyncio.run(_serve(arguments, server, duration, every, WebPage(arguments), live))
+        return run_in_loop(_serve(arguments, server, duration, every, WebPage(arguments), live))
     return 0
 
 

@@ -23,6 +23,9 @@ Callback = Callable[[], None]
 NEVER_EARLY = 1_000
 """Added to each real delay (ns): a loop's clock counts in floating seconds and may call a little early."""
 
+TICK = 1_000_000
+"""Unit of the timers of uvloop (ns)."""
+
 
 class Handle(Protocol):
     """A call that a clock will make."""
@@ -393,6 +396,8 @@ class AsyncioClock(_CallHeap):
         self._soon = False
         self._ringing = False
         self._moment = 0
+        self._has_ticks = not isinstance(loop, asyncio.BaseEventLoop)
+        """Whether the loop rounds delays to whole milliseconds, as uvloop does."""
         self.turns = Turns(loop)
         """The turns in which ports handle received bytes."""
 
@@ -436,6 +441,8 @@ class AsyncioClock(_CallHeap):
             return
         if self._timer is not None:
             self._timer.cancel()
+        if self._has_ticks:  # rounded up: a delay that is rounded to 0 ends at once, again and again until `due`
+            delay = -(-delay // TICK) * TICK
         self._timer_at = due
         self._timer = self.loop.call_later((delay + NEVER_EARLY) / 1e9, self._time_up)
 

@@ -298,7 +298,17 @@ class TcpAcceptedPort(StreamPort, AcceptedPort):
     So do bytes received while data is still to be sent: a client that reads no replies cannot accumulate requests.
     """
 
+    def __init__(self, name: str, clock: AsyncioClock) -> None:
+        super().__init__(name, clock)
+        self._is_open = False
+        self._early = b""
+        """Bytes received before the opening: uvloop reads once although `connection_made` pauses reading."""
+
     def connected(self) -> None:
+        self._pause()
+
+    def _pause(self) -> None:
+        """Pause reading, until `pace` resumes it."""
         transport = self.connection.transport if self.connection is not None else None
         if transport is not None:
             transport.pause_reading()
@@ -309,9 +319,13 @@ class TcpAcceptedPort(StreamPort, AcceptedPort):
         self.clock.call_soon(lambda: self._begin(events, connection))
 
     def hear(self, data: bytes) -> None:
+        if not self._is_open:
+            self._early += data
+            self._pause()
+            return
         super().hear(data)
-        if self._sent_due and self._transport is not None:
-            self._transport.pause_reading()
+        if self._sent_due:
+            self._pause()
         else:
             self.pace()
 
@@ -325,7 +339,12 @@ class TcpAcceptedPort(StreamPort, AcceptedPort):
 
     @property
     def _holds_back(self) -> bool:
-        return self._sent_due or super()._holds_back
+        return not self._is_open or self._sent_due or super()._holds_back
+
+    def _forget(self) -> None:
+        super()._forget()
+        self._is_open = False
+        self._early = b""
 
     def _begin(self, events: PortEvents, connection: Connection | None) -> None:
         if self.events is not events or self.connection is not connection:
@@ -333,9 +352,14 @@ class TcpAcceptedPort(StreamPort, AcceptedPort):
         if connection is None or connection.transport is None:
             self.lost("the connection is over")
             return
+        self._is_open = True
         events.opened(self.clock.now())
-        if self.connection is connection and connection.transport is not None:
-            connection.transport.resume_reading()
+        if self.connection is connection:
+            early, self._early = self._early, b""
+            if early:
+                self.hear(early)
+            else:
+                self.pace()
 
 
 class Closable(Protocol):

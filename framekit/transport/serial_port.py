@@ -757,6 +757,9 @@ class DescriptorConnection(SerialConnection):
         self._unsent = bytearray()
         self._stopped = False
         self._waits = False
+        """Whether bytes that were read wait for their turn."""
+        self._reads_again = False
+        """Whether the loop reported the device meanwhile; uvloop reports the end of a device only once."""
         self._unread = UnreadInput(self._descriptor)
         os.set_blocking(self._descriptor, False)
         clock.loop.add_reader(self._descriptor, self._readable)
@@ -815,6 +818,7 @@ class DescriptorConnection(SerialConnection):
 
     def _readable(self) -> None:
         if self._waits:
+            self._reads_again = True
             return
         try:
             data = os.read(self._descriptor, READ_SIZE)
@@ -838,6 +842,9 @@ class DescriptorConnection(SerialConnection):
             self.events.received(data, now, ())
         else:
             self._tell(*self._marks.take_out(data), now)
+        if self._reads_again and not self._stopped:
+            self._reads_again = False
+            self._readable()
 
     def _tell(self, data: bytes, marked: list[int], now: int) -> None:
         """Report characters and breaks in order."""

@@ -13,6 +13,8 @@ import framekit
 from framekit.cli.main import main
 from framekit.run.model import ConnectionLimits, in_both, network_of
 
+pytestmark = pytest.mark.usefixtures("each_loop")
+
 ASKS = bytes.fromhex("000100000006010300000001")
 
 

@@ -22,6 +22,8 @@ from framekit.memory.memory import DeviceMemory
 from framekit.run.own_memory import AddressedMemory
 from framekit.runfile.devices import memory_of
 
+pytestmark = pytest.mark.usefixtures("each_loop")
+
 PLACES = [
     ("modbus-tcp", "40001", [1, 2]),
     ("modbus-tcp", "00001", [1]),

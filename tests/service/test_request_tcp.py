@@ -22,6 +22,8 @@ from framekit.cli.run_output import status_text
 from framekit.link.services.client import Client, TransferResult
 from framekit.transport.clock import VirtualClock
 
+pytestmark = pytest.mark.usefixtures("each_loop")
+
 PROTOCOL = "srtp"
 
 
@@ -31,7 +33,7 @@ def loaded() -> Any:
 
 
 @pytest.fixture(scope="module")
-def server() -> Any:
+def server(each_loop: str) -> Any:
     with framekit.serve(PROTOCOL, "tcp://127.0.0.1:0") as running:
         yield running
 

@@ -12,10 +12,11 @@ from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, TypeVar
 
 from transport.certificates import Authority
 
+from framekit.api.event_loop import new_event_loop
 from framekit.definition.times import LineFormat
 from framekit.link.events import CharacterFault
 from framekit.transport.clock import AsyncioClock
@@ -23,6 +24,8 @@ from framekit.transport.port import AcceptedPort, Port
 from framekit.transport.pty_port import PtyPair
 from framekit.transport.schemes import make_listener, open_port
 from framekit.transport.simulated_line import SimulatedLine
+
+T = TypeVar("T")
 
 LONGEST = 180
 """Seconds after which a test that waits for an event is broken off."""
@@ -220,9 +223,10 @@ PAIRS: dict[str, Callable[[], AbstractAsyncContextManager[Pair]]] = {
 }
 
 
-def run(coroutine: Coroutine[Any, Any, None]) -> None:
-    """Carries a test out, with a limit on the whole."""
-    asyncio.run(asyncio.wait_for(coroutine, LONGEST))
+def run(coroutine: Coroutine[Any, Any, T]) -> T:
+    """Carry a test out in the event loop that is chosen, with a limit on the whole; return its result."""
+    with asyncio.Runner(loop_factory=new_event_loop) as runner:
+        return runner.run(asyncio.wait_for(coroutine, LONGEST))
 
 
 def on_pair(kind: str, check: Callable[[Pair], Coroutine[Any, Any, None]]) -> None:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from itertools import pairwise
+from types import SimpleNamespace
+from typing import cast
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from transport.real_world import run
 
 from framekit.transport.clock import LONGEST, MOST, PIECE, AsyncioClock, Turns, VirtualClock
 
@@ -136,6 +140,7 @@ def test_a_call_that_only_observes_moves_no_time_and_lets_no_source_report() -> 
     assert seen[6:] == [("look", 90, 60), ("lagging", 100, 100)]
 
 
+@pytest.mark.usefixtures("each_loop")
 def test_in_real_time_a_call_that_only_observes_is_made_too() -> None:
     async def check() -> bool:
         clock, made = AsyncioClock(asyncio.get_running_loop()), asyncio.Event()
@@ -143,9 +148,10 @@ def test_in_real_time_a_call_that_only_observes_is_made_too() -> None:
         await asyncio.wait_for(made.wait(), 60)
         return made.is_set()
 
-    assert asyncio.run(check())
+    assert run(check())
 
 
+@pytest.mark.usefixtures("each_loop")
 def test_real_time_calls_in_order_and_never_early() -> None:
     async def check() -> list[tuple[str, bool]]:
         clock = AsyncioClock(asyncio.get_running_loop())
@@ -163,13 +169,14 @@ def test_real_time_calls_in_order_and_never_early() -> None:
             await done.wait()
         return seen
 
-    seen = asyncio.run(check())
+    seen = run(check())
     order = [kind for kind, _ in seen]
     assert all(in_time for _, in_time in seen)
     assert [kind for kind in order if kind != "soon"] == ["past", "early", "late"]
     assert order.index("past") < order.index("soon") < order.index("late")
 
 
+@pytest.mark.usefixtures("each_loop")
 def test_real_time_keeps_the_order_however_late_it_is() -> None:
     """Times so near to each other that the loop finds many of them due at once, some asked for too late."""
 
@@ -184,9 +191,32 @@ def test_real_time_keeps_the_order_however_late_it_is() -> None:
             await done.wait()
         return seen
 
-    assert asyncio.run(check()) == list(range(2000))
+    assert run(check()) == list(range(2000))
 
 
+class TickingLoop:
+    """A loop that rounds delays to whole milliseconds, as uvloop does, and notes them."""
+
+    def __init__(self) -> None:
+        self.delays: list[int] = []
+
+    def call_later(self, delay: float, callback: Callable[[], None]) -> SimpleNamespace:
+        self.delays.append(round(1000 * delay))
+        return SimpleNamespace(cancel=lambda: None)
+
+
+@pytest.mark.parametrize(("delay", "milliseconds"), [(1, 1), (400_000, 1), (1_300_000, 2), (2_000_000, 2)])
+def test_a_delay_is_rounded_up_if_the_loop_rounds_it(
+    delay: int, milliseconds: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A delay that is rounded to 0 would let the loop turn until the call is due."""
+    monkeypatch.setattr("framekit.transport.clock.time", SimpleNamespace(monotonic_ns=lambda: 700_000))
+    loop = TickingLoop()
+    AsyncioClock(cast(asyncio.AbstractEventLoop, loop)).call_at(700_000 + delay, lambda: None)
+    assert loop.delays == [milliseconds]
+
+
+@pytest.mark.usefixtures("each_loop")
 def test_in_real_time_too_cancelled_calls_do_not_come_or_pile_up() -> None:
     async def check() -> list[str]:
         clock = AsyncioClock(asyncio.get_running_loop())
@@ -204,7 +234,7 @@ def test_in_real_time_too_cancelled_calls_do_not_come_or_pile_up() -> None:
             await done.wait()
         return seen
 
-    assert asyncio.run(check()) == ["IndexError"]
+    assert run(check()) == ["IndexError"]
 
 
 # ---- turns --------------------------------------------------------------------------------------------------
@@ -230,7 +260,7 @@ async def taken(sizes: list[int], each: int = 0) -> list[list[int]]:
 
 @given(st.lists(st.integers(1, 3 * MOST), max_size=60), st.sampled_from([0, LONGEST // 3, 2 * LONGEST]))
 def test_turns_are_shared_in_order_and_none_has_too_much(sizes: list[int], each: int) -> None:
-    turns = asyncio.run(taken(sizes, each))
+    turns = run(taken(sizes, each))
     assert [number for turn in turns for number in turn] == list(range(len(sizes)))
     for turn in turns:
         assert len(turn) == 1 or sum(sizes[number] + PIECE for number in turn) <= MOST
@@ -249,9 +279,10 @@ def test_the_first_piece_of_a_turn_has_all_its_room() -> None:
         assert turns.room == MOST - PIECE, "the turn before is over"
         assert turns.take(turns.room, lambda: None)
 
-    asyncio.run(check())
+    run(check())
 
 
+@pytest.mark.usefixtures("each_loop")
 def test_calls_that_are_due_leave_others_their_turn() -> None:
     async def check() -> None:
         clock = AsyncioClock(asyncio.get_running_loop())
@@ -271,4 +302,4 @@ def test_calls_that_are_due_leave_others_their_turn() -> None:
         assert seen == list(range(9))
         assert max(after - before for before, after in pairwise([0, *counts])) <= 3
 
-    asyncio.run(check())
+    run(check())

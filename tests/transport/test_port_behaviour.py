@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from transport.real_world import PAIRS, Pair, on_pair
 
-pytestmark = pytest.mark.parametrize("kind", PAIRS)
+pytestmark = [pytest.mark.parametrize("kind", PAIRS), pytest.mark.usefixtures("each_loop")]
 
 
 def test_every_byte_arrives_both_ways(kind: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+from collections.abc import Callable
 
 import pytest
 from transport.real_world import LONGEST, Waiting, open_pty, opened, run
@@ -17,6 +18,8 @@ from framekit.transport.port import AcceptedPort, Port
 from framekit.transport.pty_port import PtyPair
 from framekit.transport.schemes import open_port
 from framekit.transport.serial_port import SerialPort, open_device
+
+pytestmark = pytest.mark.usefixtures("each_loop")
 
 
 def real_clock() -> AsyncioClock:
@@ -68,6 +71,29 @@ def test_a_pty_that_is_pulled() -> None:
         port = open_port(path, LineFormat(9600), real_clock())
         events = await opened(port)
         master.close()
+        assert await events.until("closed") == f"{path}: the device is gone"
+
+    run(check())
+
+
+def test_a_pty_that_is_pulled_while_its_bytes_wait_for_their_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """uvloop reports the end of a device once."""
+
+    async def check() -> None:
+        clock = real_clock()
+        waiting: list[Callable[[], None]] = []
+        monkeypatch.setattr(clock.turns, "take", lambda size, callback: waiting.append(callback))
+        path, master = open_pty()
+        port = open_port(path, LineFormat(9600), clock)
+        events = await opened(port)
+        master.write(b"last")
+        while not waiting:
+            await asyncio.sleep(0)
+        master.close()
+        for _ in range(10):  # turns of the loop, which reports the end in one of them
+            await asyncio.sleep(0)
+        waiting.pop()()
+        assert await events.bytes(4) == b"last"
         assert await events.until("closed") == f"{path}: the device is gone"
 
     run(check())
@@ -289,7 +315,7 @@ async def flooded(size: int) -> tuple[list[bytes], list[str]]:
 
 
 def test_a_flood_is_taken_in_turns_and_nothing_of_it_is_lost() -> None:
-    pieces, order = asyncio.run(flooded(200_000))
+    pieces, order = run(flooded(200_000))
     assert b"".join(pieces) == bytes(number % 251 for number in range(200_000))
     assert max(map(len, pieces)) <= MOST
     assert order.index("other") < 10, "the other one had a turn in between"
@@ -326,7 +352,7 @@ def test_connections_share_a_turn_of_the_loop() -> None:
         listener.stop()
         assert max(turns) <= MOST
 
-    asyncio.run(check())
+    run(check())
 
 
 def test_sent_waits_until_the_system_has_taken_everything() -> None:

@@ -26,6 +26,8 @@ from framekit.transport.port import AcceptedPort
 from framekit.transport.schemes import is_known, make_listener, open_port
 from framekit.transport.tls_port import MOST_HANDSHAKES, MOST_OF_ONE_ADDRESS, TlsListener, TlsPort
 
+pytestmark = pytest.mark.usefixtures("each_loop")
+
 
 class Certificates:
     """Made once: `plant` signs what is good, `stranger` what is not."""
