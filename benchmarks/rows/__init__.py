@@ -2,6 +2,6 @@
 
 MODULES = (
     "codecs", "libraries", "generated_c", "receiver", "noise", "capture",
-    "poll", "services", "points", "channels", "line_use", "idle_blocks", "trigger", "startup", "memory",
+    "poll", "services", "points", "event_loop", "channels", "line_use", "idle_blocks", "trigger", "startup", "memory",
 )  # fmt: skip
 """The modules in the order of the table."""

@@ -97,7 +97,12 @@ async def loop_by_hand(port: int, devices: int, each: int, period: int) -> Async
             client.close()
 
 
-def measure(reader: Reader, port: int, shape: tuple[int, int, int]) -> float:
+def measure(
+    reader: Reader,
+    port: int,
+    shape: tuple[int, int, int],
+    make_loop: Callable[[], asyncio.AbstractEventLoop] = asyncio.new_event_loop,
+) -> float:
     """Return the processor time of a reading (seconds)."""
 
     async def measured() -> float:
@@ -109,7 +114,8 @@ def measure(reader: Reader, port: int, shape: tuple[int, int, int]) -> float:
             assert readings > SECONDS * 1000 / shape[2] / 10, f"{readings} readings"
             return took / readings
 
-    return asyncio.run(measured())
+    with asyncio.Runner(loop_factory=make_loop) as runner:
+        return runner.run(measured())
 
 
 def run(rounds: int) -> list[Row]:

@@ -11,7 +11,7 @@ import sys
 from framekit.api.errors import RequestError
 
 LOOP_VARIABLE = "FRAMEKIT_LOOP"
-"""Environment variable that chooses the loop: `asyncio` or `uvloop`; empty or missing: uvloop where it is installed."""
+"""Environment variable that chooses the loop: `asyncio` or `uvloop`; empty or missing: uvloop if installed."""
 
 
 def new_event_loop() -> asyncio.AbstractEventLoop:

@@ -137,6 +137,7 @@ def event(name: str) -> Callable[[dict[str, Any]], bool]:
     return lambda line: line["event"] == name
 
 
+@pytest.mark.usefixtures("each_loop")
 @pytest.mark.parametrize("number", spread([signal.SIGTERM, signal.SIGINT], 2))
 def test_a_signal_ends_a_run_with_its_summary(tmp_path: Path, number: signal.Signals) -> None:
     async def test(wires: Wires, device: DeviceService) -> None:
@@ -198,6 +199,7 @@ def test_a_killed_run_goes_on_counting_from_what_it_had_kept(tmp_path: Path) -> 
     on_wires(tmp_path, test)
 
 
+@pytest.mark.usefixtures("each_loop")
 def test_a_run_goes_on_when_its_adapter_is_pulled_out_and_put_back(tmp_path: Path) -> None:
     async def test(wires: Wires, device: DeviceService) -> None:
         async with started(tmp_path, wires) as run:

@@ -22,8 +22,6 @@ from framekit.memory.memory import DeviceMemory
 from framekit.run.own_memory import AddressedMemory
 from framekit.runfile.devices import memory_of
 
-pytestmark = pytest.mark.usefixtures("each_loop")
-
 PLACES = [
     ("modbus-tcp", "40001", [1, 2]),
     ("modbus-tcp", "00001", [1]),
@@ -53,6 +51,7 @@ def test_a_protocol_refuses_writes_and_serves_reads(protocol: str, address: str,
     assert loop.do("read", address, count=len(values)).ok
 
 
+@pytest.mark.usefixtures("each_loop")
 def test_serve_with_read_only(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     with framekit.serve("modbus-tcp", "tcp://127.0.0.1:0", initial={"40001": 7}, read_only=True) as server:
         place = ["modbus-tcp", "--port", server.port, "--station", "1", "40001"]
@@ -65,6 +64,7 @@ def test_serve_with_read_only(capsys: pytest.CaptureFixture[str], tmp_path: Path
         assert capsys.readouterr().out == "40001  9\n"
 
 
+@pytest.mark.usefixtures("each_loop")
 def test_what_a_device_keeps_in_variables_is_refused_too(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO, "framekit.written")
     for read_only in (False, True):
@@ -191,6 +191,7 @@ def test_a_run_that_could_write_is_refused(tmp_path: Path, capsys: pytest.Captur
     assert told[0].startswith(f"{file}:8:3: ")
 
 
+@pytest.mark.usefixtures("each_loop")
 def test_clients_of_a_run_that_only_reads_write_nothing(tmp_path: Path) -> None:
     from framekit.api.run import loaded, reads_only
 
@@ -230,6 +231,7 @@ def test_points_of_a_run_that_only_reads_are_written_by_none(tmp_path: Path, cap
 # ---- who wrote what ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("each_loop")
 def test_writes_are_logged_with_who_wrote(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO, "framekit.written")
     with (
@@ -257,6 +259,7 @@ def test_nothing_is_done_for_a_log_that_is_off() -> None:
     assert type(loop.server.areas.unit("holding")).__name__ == "AreaUnit"
 
 
+@pytest.mark.usefixtures("each_loop")
 def test_a_channel_that_answers_logs_too(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO, "framekit.written")
     number = free_number()

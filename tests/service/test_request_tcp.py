@@ -22,8 +22,6 @@ from framekit.cli.run_output import status_text
 from framekit.link.services.client import Client, TransferResult
 from framekit.transport.clock import VirtualClock
 
-pytestmark = pytest.mark.usefixtures("each_loop")
-
 PROTOCOL = "srtp"
 
 
