@@ -357,6 +357,12 @@ class Engine:
         self.lanes.give_up(exchange)
         return self._finish()
 
+    def leave_line(self) -> None:
+        """Note that another engine uses the line from now on: replies to exchanges under way will be late there."""
+        for run in self.machine.order:
+            if run.asked is not None:
+                self.late.miss(run, run.asked)
+
     def send_frame(
         self,
         frame: FrameValue | str,

@@ -275,6 +275,15 @@ class LateReplies:
             self.open.clear()
             self.until = self.last = self._service = self.strange_since = 0
 
+    def take_over(self, before: LateReplies) -> None:
+        """Wait for the late replies that the previous engine of the same line waits for; on a stream none can come."""
+        if self._is_stream:
+            return
+        self.open = list(before.open)
+        self.count = max(self.count, before.count)
+        self.until, self.within, self.last = before.until, before.within, before.last
+        self._greatest = dict(before._greatest)
+
     # ---- replies that no row takes ------------------------------------------------------------------------
 
     def came(self, value: FrameValue, is_awaited: bool) -> OpenRequest | None:

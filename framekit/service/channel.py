@@ -166,6 +166,13 @@ class ChannelService:
         if channel.wiring.reconnect is not None:
             self.driver.longest_retry = channel.wiring.reconnect
 
+    def take_line_over(self, before: ChannelService) -> None:
+        """Wait for the late replies of the previous channel, if this channel asks on the same line."""
+        own, other = self.channel, before.channel
+        if own.asks and (own.port, own.protocol.name) == (other.port, other.protocol.name):
+            before.engine.leave_line()
+            self.engine.late.take_over(before.engine.late)
+
     @property
     def _only_shows(self) -> bool:
         """Return whether clients of the channel may only read its memory."""
@@ -369,10 +376,14 @@ class RunChannels:
             watching(self._monitor, number)(Seen("", "trouble", self._clock.now(), reason=what))
 
     def put(self, number: int, made: Made) -> None:
-        """Register the channel under this number; it continues the counters of the previous channel."""
+        """Register the channel under this number; it continues the counters of the previous channel.
+
+        On the same line it still waits for the late replies that the previous channel waits for.
+        """
         before = self.channels.get(number)
         if before is not None:
             made[0].counters.add(before.counters)
+            made[0].take_line_over(before)
             self._replaced[number] = before.driver.port
         self.channels[number], self.devices[number] = made
 
