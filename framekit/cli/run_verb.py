@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import io
 import sys
 import threading
 from collections.abc import Callable
@@ -279,6 +280,8 @@ class RealRun:
                 if gateway is not None:
                     gateway.has_begun()
                 watching = loop.create_task(self._watch_file(run)) if self._arguments.watch else None
+                if watching is not None:
+                    watching.add_done_callback(self._is_unwatched)
                 began = loop.time()
                 try:
                     await until(self._left, self._ended, *([] if gateway is None else [gateway.over]))
@@ -305,10 +308,17 @@ class RealRun:
 
         def read() -> None:
             with suppress(RuntimeError, OSError, ValueError):  # the loop, or the input, is closed
+                if isinstance(sys.stdin, io.TextIOWrapper):  # a wrong byte spoils its line, not the control
+                    sys.stdin.reconfigure(errors="backslashreplace")
                 for line in sys.stdin:
                     loop.call_soon_threadsafe(take, line)
 
         threading.Thread(target=read, name="framekit-control", daemon=True).start()
+
+    def _is_unwatched(self, watching: asyncio.Task[None]) -> None:
+        """Print a warning if an error has ended the watch of the run file; the run goes on."""
+        if not watching.cancelled() and (error := watching.exception()) is not None:
+            self._output.warning(f"{self.path} is not watched any more: {error or type(error).__name__}")
 
     async def _watch_file(self, run: RunCalls) -> None:
         """Apply each change of the run file; print a warning for changes that cannot be applied, and go on."""

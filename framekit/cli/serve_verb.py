@@ -354,19 +354,21 @@ class ServeSession(LiveSession):
 
         view = view_of_devices(self.server, FrameLog(), self._state)
         self._opening = asyncio.get_running_loop().create_task(self._open())
+        self._opening.add_done_callback(self._has_opened)
         return view
+
+    def _has_opened(self, opening: asyncio.Task[None]) -> None:
+        """End the session if an error has ended the opening."""
+        if not opening.cancelled() and isinstance(error := opening.exception(), Exception):
+            self.failure = error
 
     def _state(self) -> str:
         return f"on {self.server.about}" if self.is_open else "opening"
 
     async def _open(self) -> None:
         self.problems += warnings_of(self.server)
-        try:
-            await _open(self.server)
-        except VerbError as failure:
-            self.failure = failure
-        else:
-            self.is_open = True
+        await _open(self.server)
+        self.is_open = True
 
     async def end(self) -> None:
         if self._opening is not None:

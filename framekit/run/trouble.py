@@ -247,7 +247,7 @@ class Troubles:
             try:
                 while self._pending:
                     self._listener(self._pending.popleft())
-            except OSError as error:  # the output has gone; the work goes on
+            except (OSError, ValueError) as error:  # the output has gone or is closed; the work goes on
                 log.warning("a report of trouble was not delivered: %s", error)
             finally:
                 self._delivering.release()

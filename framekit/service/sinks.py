@@ -292,10 +292,10 @@ class SinkFeeder:
     def _feed(self) -> bool:
         """Pass the waiting samples to the sink; return False if it has failed."""
         while True:
-            start, samples = self._waiting.first(AT_ONCE)
-            if self._is_stored:  # an earlier run may have had other points
-                samples = [self._known(one) for one in samples]
             try:
+                start, samples = self._waiting.first(AT_ONCE)
+                if self._is_stored:  # an earlier run may have had other points
+                    samples = [self._known(one) for one in samples]
                 if self._lost_server and self._is_open:
                     raise ConnectionError(self._lost_server)
                 if not self._is_open:

@@ -121,32 +121,47 @@ class Browser:
     def __init__(self, socket: WebSocket, session: PageSession, who: str) -> None:
         self.socket, self.session, self.who = socket, session, who
         self._actions: set[asyncio.Task[None]] = set()
+        self._failed = asyncio.Event()
+        """Set when sending or an action has failed: the connection is closed, and the page connects again."""
 
     async def attend(self) -> None:
-        """Send changes and carry out actions until the browser disconnects."""
-        showing = asyncio.ensure_future(self._show())
+        """Send changes and carry out actions until the browser disconnects, breaks a rule, or cannot be served."""
+        hearing = asyncio.ensure_future(self._hear())
+        tasks: list[asyncio.Task[Any]] = [
+            hearing, asyncio.ensure_future(self._show()), asyncio.ensure_future(self._failed.wait())
+        ]  # fmt: skip
         try:
-            while True:
-                message = json.loads(await self.socket.receive_text())
-                while len(self._actions) >= MOST_ACTIONS:
-                    await asyncio.wait(self._actions, return_when=asyncio.FIRST_COMPLETED)
-                action = asyncio.ensure_future(self._answer(message))
-                self._actions.add(action)
-                action.add_done_callback(self._actions.discard)
-                if self.session.wrong_tokens >= MOST_WRONG:
-                    break
-                await asyncio.sleep(MESSAGE_EVERY)
-        except WebSocketDisconnect:
-            return
-        except (ValueError, KeyError, RecursionError):
-            pass
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            tasks = [showing, *self._actions]
+            is_here = not hearing.done() or hearing.result()
+            tasks += self._actions
             for task in tasks:
                 task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
-        with contextlib.suppress(RuntimeError, WebSocketDisconnect):
-            await self.socket.close(1008)
+            await asyncio.wait(tasks)
+        if is_here:
+            with contextlib.suppress(RuntimeError, WebSocketDisconnect, TimeoutError):
+                async with asyncio.timeout(LONGEST_END):
+                    await self.socket.close(1011 if self._failed.is_set() else 1008)
+
+    async def _hear(self) -> bool:
+        """Carry out actions until the browser disconnects or breaks a rule; return whether it is still connected."""
+        with self._while_there():
+            try:
+                while True:
+                    message = json.loads(await self.socket.receive_text())
+                    while len(self._actions) >= MOST_ACTIONS:
+                        await asyncio.wait(self._actions, return_when=asyncio.FIRST_COMPLETED)
+                    action = asyncio.ensure_future(self._answer(message))
+                    self._actions.add(action)
+                    action.add_done_callback(self._actions.discard)
+                    if self.session.wrong_tokens >= MOST_WRONG:
+                        break
+                    await asyncio.sleep(MESSAGE_EVERY)
+            except (ValueError, KeyError, RecursionError):
+                return True
+            except (WebSocketDisconnect, RuntimeError):  # RuntimeError: it is closed
+                return False
+        return True
 
     async def _answer(self, told: Any) -> None:
         wrong = self.session.wrong_tokens
@@ -170,17 +185,23 @@ class Browser:
 
     @contextlib.contextmanager
     def _while_there(self) -> Iterator[None]:
-        """Log the end of a connection whose browser has gone, or takes no messages."""
+        """End the connection after an error, and log it: the browser has gone, takes no messages, or a defect."""
         try:
             yield
-        except (WebSocketDisconnect, RuntimeError, TimeoutError) as error:
+        except (WebSocketDisconnect, TimeoutError) as error:
+            self._failed.set()
             log.info("web: %s has gone: %s", self.who, error)
         except Exception:
+            self._failed.set()
             log.exception("web: %s is not served any more", self.who)
 
     async def _send(self, message: dict[str, Any]) -> None:
-        async with asyncio.timeout(LONGEST_SEND):
-            await self.socket.send_text(as_text(message))
+        text = as_text(message)
+        try:
+            async with asyncio.timeout(LONGEST_SEND):
+                await self.socket.send_text(text)
+        except RuntimeError as error:  # the connection is closed
+            raise WebSocketDisconnect(1006, str(error)) from None
 
 
 class _Uvicorn(uvicorn.Server):
@@ -189,6 +210,14 @@ class _Uvicorn(uvicorn.Server):
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
         yield
+
+
+def _has_ended(task: asyncio.Task[None]) -> None:
+    """Report the error that has ended a task of the server, in the way of the loop."""
+    if not task.cancelled() and (error := task.exception()) is not None:
+        task.get_loop().call_exception_handler(
+            {"message": "web: the page is not served any more", "exception": error, "task": task}
+        )
 
 
 class WebServer:
@@ -215,6 +244,8 @@ class WebServer:
             asyncio.ensure_future(self._server.serve([self._socket])),
             asyncio.ensure_future(board.go_on()),
         ]
+        for task in self._tasks:
+            task.add_done_callback(_has_ended)
 
     async def end(self) -> None:
         """Disconnect all browsers; the address is free afterwards."""

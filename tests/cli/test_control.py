@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from framekit.api.run import FileWatch
 from framekit.cli.main import main
 
 RUN = """run: by-hand
@@ -61,3 +62,25 @@ def test_lines_reach_the_run(run_file: Path) -> None:
 def test_not_on_simulated_time(run_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", str(run_file), "--virtual", "--for", "1s", "--control"]) == 2
     assert "leave --virtual out" in capsys.readouterr().err
+
+
+def test_a_wrong_byte_spoils_its_line_only(run_file: Path) -> None:
+    process = subprocess.run(
+        [sys.executable, "-m", "framekit", "run", str(run_file), "--json", "--control", "--for", "30s"],
+        input=b"fire \xff\nstop\n", stdout=subprocess.PIPE, check=True,
+    )  # fmt: skip
+    lines = [json.loads(text) for text in process.stdout.splitlines()]
+    (answer,) = [reason for line in lines if (reason := line.get("reason", "")).startswith("control: ")]
+    assert r"fire \xff" in answer
+
+
+def test_a_watch_that_fails_is_reported_and_the_run_goes_on(
+    run_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    async def fails(self: FileWatch) -> None:
+        raise MemoryError("a defect")
+
+    monkeypatch.setattr(FileWatch, "watch", fails)
+    assert main(["run", str(run_file), "--watch", "--for", "100ms"]) == 0
+    told = capsys.readouterr()
+    assert "r.run.yaml is not watched any more: a defect" in told.err and "block" in told.out

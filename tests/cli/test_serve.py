@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import select
@@ -16,7 +17,9 @@ from pathlib import Path
 import pytest
 
 import framekit
+from framekit.api.server import aserve
 from framekit.cli.main import main
+from framekit.cli.serve_verb import ServeSession
 from framekit.service.capture import CaptureReader
 from framekit.transport.pty_port import PtyPair
 
@@ -226,3 +229,20 @@ def test_what_cannot_be_served(
     assert main(("serve", *words)) == status
     output = capsys.readouterr()
     assert message in output.err and "Traceback" not in output.err and not output.out
+
+
+def test_an_error_while_the_display_opens_the_port_ends_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def fails() -> None:
+        raise OverflowError("a defect")
+
+    async def drive() -> ServeSession:
+        server = aserve("modbus-rtu", "pty:", station=1)
+        monkeypatch.setattr(server, "open", fails)
+        session = ServeSession(server, None)
+        session.view = session.begin()
+        while not session.is_over:
+            await asyncio.sleep(0)
+        await session.end()
+        return session
+
+    assert str(asyncio.run(drive()).failure) == "a defect"

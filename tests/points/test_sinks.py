@@ -437,6 +437,22 @@ def test_what_fails_is_tried_again_in_order() -> None:
     one.stop()
 
 
+def test_an_error_of_the_queue_is_a_trouble_of_its_sink(monkeypatch: pytest.MonkeyPatch) -> None:
+    one, sink = feeder(threaded=False)
+    one.start()
+
+    def fails(most: int) -> tuple[int, list[Sampled]]:
+        raise RuntimeError("a defect")
+
+    with monkeypatch.context() as broken:
+        broken.setattr(one._waiting, "first", fails)
+        one.put(sample(0, value=0))
+    assert one.status.problem == "a defect"
+    one.put(sample(1, value=1))
+    assert (len(sink.taken), one.status.problem) == (2, "")
+    one.stop()
+
+
 def test_a_sink_that_hangs_holds_nothing_up_and_the_oldest_go_first(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(waiting, "MOST_WAITING", 10)
     monkeypatch.setattr(at_work, "AT_ONCE", 4)

@@ -66,7 +66,8 @@ def test_each_event_is_reported_once() -> None:
     assert [event for event, _ in reports[3:]] == ["begins", "loses"], "another trouble is reported anew"
 
 
-def test_a_listener_may_report_itself_and_may_have_gone() -> None:
+@pytest.mark.parametrize("error", [BrokenPipeError, ValueError("I/O operation on closed file")])
+def test_a_listener_may_report_itself_and_may_have_gone(error: Exception) -> None:
     troubles = Troubles(lambda: 0)
     heard: list[str] = []
 
@@ -75,7 +76,7 @@ def test_a_listener_may_report_itself_and_may_have_gone() -> None:
         if len(heard) == 1:
             troubles.note("clock", "second")
             assert heard == ["clock: first"]
-        raise BrokenPipeError
+        raise error
 
     troubles.listen(listen)
     troubles.note("clock", "first")

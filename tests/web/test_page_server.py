@@ -436,3 +436,62 @@ def test_a_run_with_its_page_ends_by_a_signal(tmp_path: Path) -> None:
             run.send_signal(signal.SIGINT)
             _, trouble = run.communicate(timeout=30)
     assert (run.returncode, trouble) == (0, "")
+
+
+# ---- what fails does not look as if it were alive -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", ["news", "answer"])
+def test_a_failure_ends_the_connection_and_is_logged(
+    app: PageApp, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, method: str
+) -> None:
+    def fails(*_: Any) -> Any:
+        raise RuntimeError("a defect")
+
+    monkeypatch.setattr(WebSession, method, fails)
+    client = TestClient(app.app, base_url=HOME)
+    with client.websocket_connect(LIVE) as there:
+        there.send_json({"pause": True})
+        with pytest.raises(WebSocketDisconnect) as end:
+            while True:
+                there.receive_json()
+    assert end.value.code == 1011
+    assert not app.browsers
+    assert "is not served any more" in caplog.text and "a defect" in caplog.text
+    monkeypatch.undo()
+    with client.websocket_connect(LIVE) as there:
+        assert "points" in there.receive_json(), "the page connects again"
+
+
+def test_a_browser_that_takes_nothing_is_disconnected(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Silent(Stuck):
+        async def receive_text(self) -> str:
+            await asyncio.Event().wait()
+            return ""
+
+        async def close(self, code: int) -> None:
+            self.code = code
+
+    monkeypatch.setattr(server_module, "LONGEST_SEND", 0)
+    silent = Silent()
+    asyncio.run(server_module.Browser(silent, page.session(), "test:1").attend())  # type: ignore[arg-type]
+    assert silent.code == 1011
+
+
+def test_a_task_of_the_server_that_fails_is_reported_at_once(page: Page) -> None:
+    async def fails() -> None:
+        raise ValueError("a defect")
+
+    async def drive() -> dict[str, Any]:
+        reported: asyncio.Future[dict[str, Any]] = asyncio.get_running_loop().create_future()
+        asyncio.get_running_loop().set_exception_handler(lambda loop, context: reported.set_result(context))
+        page.board.go_on = fails  # type: ignore[method-assign]
+        server = WebServer("127.0.0.1", 0, Access(TOKEN))
+        server.begin(page.board)
+        context = await reported
+        await server.end()
+        return context
+
+    context = asyncio.run(drive())
+    assert context["message"] == "web: the page is not served any more"
+    assert str(context["exception"]) == "a defect"
