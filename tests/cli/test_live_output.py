@@ -386,6 +386,21 @@ def test_a_run_goes_on_while_its_output_is_not_read(tmp_path: Path) -> None:
         assert told.startswith("standard output: works again after ") and told.count("\n") == 1
 
 
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_second_signal_ends_the_wait_for_the_reader(tmp_path: Path, number: signal.Signals) -> None:
+    with started(tmp_path, "run", "unread.run.yaml") as process:
+        assert process.stderr is not None
+        process.stderr.readline()
+
+        def has_ended() -> bool:
+            process.send_signal(number)
+            return process.poll() is not None
+
+        until(has_ended)
+        assert process.returncode in (-number, 130)
+        assert "rror" not in process.stderr.read()
+
+
 def test_readings_go_on_while_standard_error_is_not_read(tmp_path: Path) -> None:
     words = ["--port", "sim:far.device.yaml", "--station", "1", "40001", "--every", "1 ms", "--frames"]
     with started(tmp_path, "read", "modbus-tcp", *words) as process:
