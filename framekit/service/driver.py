@@ -70,6 +70,9 @@ class LineLoad:
 
 FIRST_RETRY, LONGEST_RETRY = 500_000_000, 30_000_000_000
 
+STALL = 5_000_000
+"""A call that comes later than this (ns) shows that the process was stalled, and that the loop has not read yet."""
+
 MOST_UNREAD = 65_536
 """Time limits that have run out wait until so many bytes have been read at most."""
 
@@ -331,11 +334,14 @@ class Driver(PortEvents):
         self._alarm.set(NEVER if self.stopped else self.engine.deadline)
 
     def _ring(self) -> None:
-        """Let times run out, unless bytes are unread: they arrived before, however late the process is."""
+        """Let times run out, unless bytes are unread: they arrived before, however late the process is.
+
+        After a stall the loop reads first, for ports that do not know whether bytes are unread.
+        """
         if self._is_reading:
             return
         now = self._now()
-        if self.port.has_unread:
+        if self.port.has_unread or now - self.engine.deadline > STALL:
             self._is_reading = True
             self._read_from = self._read_to = self.load.bytes_in
             self._idle_turns = 0

@@ -137,11 +137,13 @@ class StalledPort(PassingPort):
         self.is_asked = False
         self.never_empty = False
         """Whether bytes are always unread, as under a flood."""
+        self.knows_unread = True
+        """Whether the port reports unread bytes; some operating systems do not."""
         clock.ports.append(self)
 
     @property
     def has_unread(self) -> bool:
-        return bool(self.waiting) or self.never_empty
+        return self.knows_unread and (bool(self.waiting) or self.never_empty)
 
     def write(self, data: bytes) -> None:
         self.clock.interact()

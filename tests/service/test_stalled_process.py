@@ -114,6 +114,18 @@ def test_a_reply_that_arrived_during_a_stall_is_in_time(name: str) -> None:
         assert (counters.late, counters.repeated) == (0, 0) and set(world.outcomes) == {"ok"}
 
 
+@pytest.mark.parametrize(("name", "late", "stall"), spread(product(NAMES, LATE, STALLS), 9))
+def test_after_a_stall_the_loop_reads_first_where_the_port_does_not_know_of_unread_bytes(
+    name: str, late: float, stall: float
+) -> None:
+    for number in range(1 + int(10 * stall) % 5, interactions(name, late, 0, True), 5):
+        world = world_of(name, late, 0, True, once(number, int(stall * SECOND)))
+        (port,) = world.process.ports
+        port.knows_unread = False
+        world.exchanges(10)
+        assert world.wrong == []
+
+
 def test_a_time_limit_ends_in_spite_of_bytes_that_come_without_end() -> None:
     """A port that always has unread bytes, such as under a flood, delays no time limit for long."""
     lost = FaultRule(kind="no_reply", begin=2 * SECOND, end=60 * SECOND)
