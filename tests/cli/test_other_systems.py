@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import io
 import json
+import os
 import signal
 import socket
 import subprocess
@@ -19,6 +20,7 @@ from pathlib import Path
 
 import pytest
 
+from framekit.api.event_loop import LOOP_VARIABLE
 from framekit.cli.main import fit_output
 from framekit.transport.clock import AsyncioClock
 from framekit.transport.schemes import is_known, open_port, scheme_name
@@ -64,6 +66,7 @@ def foreign(folder: Path, *words: str) -> Iterator[subprocess.Popen[str]]:
     process = subprocess.Popen(
         [sys.executable, "-c", FOREIGN, *words], cwd=folder, text=True, encoding="utf-8",
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        env={**os.environ, LOOP_VARIABLE: ""},
     )  # fmt: skip
     try:
         yield process
