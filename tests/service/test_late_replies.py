@@ -32,9 +32,9 @@ PLANS: dict[str, tuple[tuple[FaultRule, ...], dict[str, Any]]] = {
     "no repeats, one of 100 glued to the next": ((GLUE,), SHORT),
 }
 USUAL = {"srtp": 5000, "snp": 10_000, "snp-x": 2500, "ccm": 800, "ccm-peer": 800, "df1": 3000, "df1-master": 3000}
-"""How long the procedures wait for what they ask first (ms)."""
+"""Time limits of the first replies of the procedures (ms)."""
 EXCHANGES = {"snp": 800, "snp-x": 1300}
-"""As many as it took until one was wrong while only break and attach kept late replies away: in the long tests."""
+"""Number of exchanges in which a value was wrong while only break and attach kept late replies away."""
 
 
 def world_of(name: str, plan: str, **more: Any) -> LateWorld:
@@ -44,7 +44,7 @@ def world_of(name: str, plan: str, **more: Any) -> LateWorld:
 
 
 def check(world: LateWorld, count: int) -> None:
-    """Nothing is wrong, each exchange has ended, and what did not end well is told."""
+    """Check that no value is wrong, that each exchange has ended, and that each failure is reported."""
     world.exchanges(count)
     assert world.wrong == []
     assert world.outcomes.total() == count
@@ -110,9 +110,9 @@ def test_a_reply_may_be_later_than_two_reply_times_where_the_line_is_told_so() -
 TIMES = (1.2, 1.5, 2, 2.5, 3.5, 6.5, 20)
 """How late replies are, in time limits."""
 WELL = 100 * SECOND
-"""When the device is well again, where it gets well."""
+"""Time at which a device that was slow becomes quick (ns)."""
 ILL = 10 * SECOND
-"""When the device becomes slow, where it is well at first."""
+"""Time at which a device that was quick becomes slow (ns)."""
 
 
 def slow_world(name: str, times: float, which: str, retries: int, overlapping: bool) -> LateWorld:
@@ -181,7 +181,7 @@ def test_replies_that_overtake_each_other_by_many_time_outs_stay_open_until_they
 
 @pytest.mark.parametrize(("name", "times", "retries"), list(product(ALIKE, TIMES, (0, 2)))[::5])
 def test_values_are_right_again_soon_after_the_device_is_well(name: str, times: float, retries: int) -> None:
-    """Within 30 s, where no more requests are due than one that each reply is late."""
+    """Check that values are right within 30 s after the device has become quick."""
     world = slow_world(name, times, "at first", retries, True)
     while world.clock.now() < WELL:
         world.exchange()
@@ -266,8 +266,11 @@ def test_a_write_is_sent_once_where_the_protocol_has_no_retries(name: str, frame
 
 
 SLOW_PROCEDURES = {"snp": (2, 55), "snp-x": (2.5, 50), "ccm": (0.8, 16), "ccm-peer": (0.8, 16)}
-"""The time limit of a reply, and the greatest lateness (s): 20 time limits, but what no open request outlasts is 60 s,
-and SNP waits 10 s for the first reply of a session."""
+"""The time limit of a reply, and the greatest lateness (s).
+
+20 time limits, but less than 60 s, the age at which open requests are dropped: SNP waits 10 s for the first reply of a
+session, and 20 times that is not promised.
+"""
 
 
 def check_slow_procedure(name: str, part: float, count: int) -> None:
