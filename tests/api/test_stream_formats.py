@@ -147,8 +147,8 @@ LINES = [
 @pytest.mark.parametrize("kind", "diuxXofeEgGsc")
 def test_what_is_taken_has_the_value_that_stream_device_reads(kind: str) -> None:
     rng, read = Random(1), 0
-    every = product(flags_of("-+ 0#!"), ["", "1", "2", "3", "5", "8"], ["", "Z", " V", ",", "-"])
-    forms = ((f"%{flags}{width}{kind}", behind) for flags, width, behind in every)
+    every = [*product(flags_of("-+ 0#!"), ["", "1", "2", "3", "5", "8"], ["", "Z", " V", ",", "-"])]
+    forms = ((f"%{flags}{width}{kind}", behind) for flags, width, behind in rng.sample(every, len(every) // 4))
     wanted = {f'in "{form}{behind}"': (form, behind) for form, behind in forms}
     protocol, frames = frames_of(list(wanted))
     for command, frame in frames.items():

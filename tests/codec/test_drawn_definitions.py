@@ -991,7 +991,7 @@ def test_what_check_takes_never_crashes_and_round_trips(kind: str) -> None:
 
 
 ASKED = os.environ.get("FRAMEKIT_DEFINITIONS", "")
-"""What the long tests try instead of the first 3,000 and m1,000: so many of both, or those of a range (10000-16000)."""
+"""What the long tests try instead of their usual seeds: so many of each kind, or those of a range (10000-16000)."""
 START, _, END = ASKED.rpartition("-")
 
 
@@ -1044,7 +1044,7 @@ def test_records_items_and_cases_may_have_the_same_names() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("first", range(0, 4000, 500))
+@pytest.mark.parametrize("first", firsts(1000))
 def test_many_records_items_and_cases_have_the_same_names(first: int) -> None:
     results, failed = [], {}
     for seed in range(first, first + 500):

@@ -276,7 +276,7 @@ def test_the_bytes_of_every_kind_of_segment() -> None:
 
 
 @needs_compiler
-@pytest.mark.parametrize("first", [0, *(pytest.param(at, marks=pytest.mark.long) for at in range(100, 1500, 100))])
+@pytest.mark.parametrize("first", [0, *(pytest.param(at, marks=pytest.mark.long) for at in range(100, 500, 100))])
 def test_drawn_definitions(first: int) -> None:
     """Definitions of every kind of segment and key, with what they read damaged. Frames inside may be unknown."""
     drawn: list[tuple[Protocol, list[bytes]]] = []

@@ -71,7 +71,7 @@ def test_the_same_bytes_have_the_same_values(one: Description, tmp_path: Path) -
 @pytest.mark.long
 @pytest.mark.parametrize("one", DESCRIPTIONS, ids=lambda one: f"{one.name}-{one.frame}")
 def test_many_bytes_have_the_same_values(one: Description, tmp_path: Path) -> None:
-    assert one.trial(tmp_path, 20_000).differences == []
+    assert one.trial(tmp_path, 4_000).differences == []
 
 
 # ---- exported and imported --------------------------------------------------------------------------------------

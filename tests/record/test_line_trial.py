@@ -99,7 +99,7 @@ def kinds_of(line: LineFormat) -> list[str]:
     return ["text", "hex"] if line.data_bits == 7 else list(TRAFFIC)
 
 
-CASES = [30, pytest.param(300, marks=pytest.mark.long)]
+CASES = [30, pytest.param(100, marks=pytest.mark.long)]
 
 
 @pytest.mark.parametrize("count", CASES)
