@@ -84,8 +84,10 @@ def test_a_stall_stores_nothing_wrong(
 @pytest.mark.long
 @pytest.mark.parametrize(("name", "is_network"), list(product(NAMES, (False, True))))
 def test_no_stall_in_any_phase_stores_anything_wrong(name: str, is_network: bool) -> None:
-    for late, retries, stall, reads_first in product(LATE, (0, 2), STALLS, (False, True)):
-        for number in range(1, interactions(name, late, retries, is_network)):
+    """Each third phase, in each case other phases; each phase if `FRAMEKIT_EXCHANGES` is set."""
+    step = 1 if "FRAMEKIT_EXCHANGES" in os.environ else 3
+    for case, (late, retries, stall, reads_first) in enumerate(product(LATE, (0, 2), STALLS, (False, True))):
+        for number in range(1 + case % step, interactions(name, late, retries, is_network), step):
             check(name, late, retries, is_network, number, stall, reads_first)
 
 
