@@ -28,9 +28,11 @@ from framekit.run.own_memory import AddressedMemory
 from framekit.run.transfer import BlockStarts, BlockTransfers, Ended, Read, neighbours
 from framekit.service.device import DeviceService, ListeningPort, devices_of, port_for
 from framekit.service.driver import Driver, Moment
+from framekit.service.left_lines import ClosingPorts
 from framekit.service.written import NamedMemory, NamedServer, begun_log, client_of
 from framekit.transport.clock import Clock
 from framekit.transport.port import Port
+from framekit.transport.schemes import line_of
 
 log = logging.getLogger(__name__)
 
@@ -162,6 +164,8 @@ class ChannelService:
             self.params_of,
         )
         self._clock = clock
+        self.line = line_of(channel.port)
+        """Name of the line that its port leads to."""
         self.state = "closed"
         if channel.wiring.reconnect is not None:
             self.driver.longest_retry = channel.wiring.reconnect
@@ -344,8 +348,7 @@ class RunChannels:
         self._monitor = monitor
         self.channels = channels
         self.devices: dict[int, list[DeviceService]] = {}
-        self._replaced: dict[int, Port] = {}
-        """Closed ports of channels whose successors are not open yet."""
+        self.closing = ClosingPorts()
 
     def of_run(self, run: RunModel, number: int) -> Made:
         """Return a channel of a run; see `make`."""
@@ -384,13 +387,11 @@ class RunChannels:
         if before is not None:
             made[0].counters.add(before.counters)
             made[0].take_line_over(before)
-            self._replaced[number] = before.driver.port
         self.channels[number], self.devices[number] = made
 
     def remove(self, number: int) -> None:
         """Forget a channel and its devices."""
         del self.channels[number], self.devices[number]
-        self._replaced.pop(number, None)
 
     def receive_for(self, run: RunModel, keep: Collection[int]) -> None:
         """Pass received frames to the blocks of this run; remove channels that it does not have, except `keep`."""
@@ -401,25 +402,32 @@ class RunChannels:
                 self.remove(number)
 
     def open(self, number: int) -> None:
-        """Open the ports of the devices on the line of a channel, then its own port unless it is switched off.
-
-        If a modem still hangs up at the port of its predecessor, which may be the same device, its own port opens after
-        that.
-        """
+        """Open the ports of the devices on the line of a channel, then its own port unless it is switched off."""
         for device in self.devices[number]:
             device.start()
-        channel = self.channels[number]
-        if channel.channel.enabled:
-            replaced = self._replaced.pop(number, None)
-            if replaced is None:
-                channel.start()
-            else:
-                replaced.when_closed(lambda: None if channel.driver.stopped else channel.start())
+        if self.channels[number].channel.enabled:
+            self.start(number)
 
-    def stop_devices(self, number: int) -> None:
-        """Close the ports of the devices on the line of a channel."""
+    def start(self, number: int) -> None:
+        """Open the port of a channel; if a modem still hangs up on its line, after that."""
+        channel = self.channels[number]
+        self.closing.open(channel.line, channel, channel.driver.port, channel.start)
+
+    def switch_off(self, number: int) -> None:
+        """Close the port of a channel until `start`; running exchanges end as closed."""
+        self._closed(number, self.channels[number].switch_off)
+
+    def close(self, number: int) -> None:
+        """Close the port of a channel, and the ports of the devices on its line."""
+        self._closed(number, self.channels[number].stop)
         for device in self.devices[number]:
             device.end()
+
+    def _closed(self, number: int, close: Callable[[], None]) -> None:
+        channel = self.channels[number]
+        self.closing.cancel(channel.line, channel)
+        close()
+        self.closing.add(channel.line, channel.driver.port)
 
 
 def receiving(run: RunModel, channel: int) -> list[Block]:

@@ -559,9 +559,8 @@ class JobLine(ChannelOwner):
 
     def close_for_jobs(self, number: int) -> None:
         """Close and remove a channel."""
-        self.channels[number].stop()
+        self._lines.close(number)
         self.jobs.opened(number, False)
-        self._lines.stop_devices(number)
         self._lines.remove(number)
 
     def opened(self, channel: int, is_open: bool) -> None:

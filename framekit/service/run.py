@@ -6,7 +6,7 @@ All work is done in callbacks of the clock and of ports. This module prints no o
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -47,7 +47,6 @@ from framekit.service.run_loop import RunLoop
 from framekit.service.sinks import SinkHost, SinkService
 from framekit.service.state import StateFile, StateKeeper
 from framekit.transport.clock import Clock, date_at
-from framekit.transport.port import Port
 from framekit.transport.schemes import without_files
 
 log = logging.getLogger(__name__)
@@ -55,6 +54,9 @@ log = logging.getLogger(__name__)
 
 LONGEST_SHUTDOWN = 5_000_000_000
 """A run ends after this (ns) even if a session could not be closed."""
+
+LONGEST_CLOSING = 120_000_000_000
+"""After its stop a run waits for ports that are closing for this long (ns) at most."""
 
 
 def close_sessions(
@@ -86,22 +88,6 @@ def close_sessions(
 
     for number, service in enumerate(with_session):
         service.close_session(partial(left, number))
-
-
-def when_all_closed(ports: Collection[Port], done: Callable[[], None]) -> None:
-    """Call `done` once all ports have finished their work after closing: at once, or when modems have hung up."""
-    left = len(ports)
-
-    def closed() -> None:
-        nonlocal left
-        left -= 1
-        if left == 0:
-            done()
-
-    for port in ports:
-        port.when_closed(closed)
-    if not ports:
-        done()
 
 
 OnEnd = Callable[[BlockState, bool], None]
@@ -363,18 +349,34 @@ class RunService(ChannelOwner):
     def finish(self, done: Callable[[], None], within: int = LONGEST_SHUTDOWN) -> None:
         """End in good order: no further block starts, open sessions are closed, then `stop`, then `done`.
 
-        After `within` ns it stops the remaining work; then modems hang up, within the limits of their own.
+        After `within` ns it stops the remaining work. Then all modems hang up, also those of channels that an edit
+        has removed, for `LONGEST_CLOSING` at most.
         """
         self.scheduler.end()
         self._stop_jobs()
 
         def end() -> None:
-            ports = [channel.driver.port for channel in self.channels.values()]
             if self.running:
                 self.stop()
-            when_all_closed(ports, done)
+            self._when_closed(done)
 
         close_sessions(self.channels.values(), self.clock, within, end)
+
+    def _when_closed(self, done: Callable[[], None]) -> None:
+        """Call `done` once, when no port is closing any more, or after `LONGEST_CLOSING`."""
+        left = [done]
+
+        def end() -> None:
+            limit.cancel()
+            if left:
+                left.pop()()
+
+        def give_up() -> None:
+            log.warning("the run ends while ports are closing: %s", ", ".join(self.lines.closing.names))
+            end()
+
+        limit = self.clock.call_at(self.clock.now() + LONGEST_CLOSING, give_up)
+        self.lines.closing.at_end(end)
 
     def _stop_jobs(self) -> None:
         if self.jobs is not None:
@@ -383,10 +385,9 @@ class RunService(ChannelOwner):
     def close_channel(self, number: int) -> None:
         """Close the port of a channel, and those of the simulated devices on its line."""
         self.scheduler.set_open(number, False)
-        self.channels[number].stop()
+        self.lines.close(number)
         if self.jobs is not None and self.running:
             self.jobs.opened(number, False)
-        self.lines.stop_devices(number)
 
     def open_for_jobs(self, channel: Channel) -> None:
         """Open a channel that jobs request and the run lacks. Raises ValueError for a port that cannot be made."""
@@ -442,8 +443,8 @@ class RunService(ChannelOwner):
 
     def enable_channel(self, number: int, on: bool = True) -> None:
         """Open the port of a channel, or close it: running exchanges fail, due blocks wait. Raises ValueError."""
-        channel = _there("channel", number, self.channels)
-        channel.start() if on else channel.switch_off()
+        _there("channel", number, self.channels)
+        self.lines.start(number) if on else self.lines.switch_off(number)
 
     def reset(self) -> None:
         """Reset to the state after the start: counters at zero, triggers afresh, the first scan again.

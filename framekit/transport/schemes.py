@@ -258,6 +258,22 @@ def without_files(url: str) -> str:
     return url if kind is None or kind.placed is None else url.partition("?")[0]
 
 
+def line_of(url: str) -> str:
+    """Return the name of the line that a port leads to: the device, or host and port, however they are written.
+
+    The kind of the port, its options and links to a device do not count; two names of one host are two lines.
+    """
+    place = url.partition("://")[2].partition("?")[0]
+    if not place and scheme_name(url):
+        return url
+    place = place or url
+    if _WINDOWS_DEVICE.fullmatch(place):
+        return place.rstrip(":").rpartition("\\")[2].upper()
+    if "://" in url and not os.path.isabs(place):
+        return place.rstrip("/").lower()
+    return os.path.realpath(place)
+
+
 def host_of(url: str) -> str:
     """Return the host that a port connects to; empty if the URL contains no host."""
     kind = scheme_of(url)

@@ -9,7 +9,7 @@ import pytest
 from framekit.cli.main import main
 from framekit.link.events import Seen
 from framekit.runfile.run_file import load_run
-from framekit.service.run import LONGEST_SHUTDOWN, RunService
+from framekit.service.run import LONGEST_CLOSING, LONGEST_SHUTDOWN, RunService
 from framekit.transport.clock import VirtualClock
 
 MS = 1_000_000
@@ -125,6 +125,19 @@ def test_without_an_open_session_nothing_is_sent(run_file: Path) -> None:
     bench.finish()
     bench.clock.run_for(0)
     assert bench.frames() == [] and bench.ended_at == 50 * MS
+
+
+def test_a_port_that_never_finishes_closing_holds_the_run_up_to_the_bound(
+    run_file: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    bench = Bench(run_file, 50 * MS)
+    monkeypatch.setattr(bench.service.channels[1].driver.port, "when_closed", lambda done: None)
+    bench.finish()
+    bench.clock.run_for(LONGEST_CLOSING - 1)
+    assert bench.ended_at is None and not bench.service.running
+    bench.clock.run_for(1000 * MS)
+    assert bench.ended_at == 50 * MS + LONGEST_CLOSING
+    assert caplog.messages == ["the run ends while ports are closing: channel 1"]
 
 
 def test_a_silent_other_side_is_left_after_its_time(run_file: Path) -> None:

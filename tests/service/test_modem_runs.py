@@ -158,6 +158,111 @@ def test_an_edited_channel_dials_when_its_modem_has_hung_up(tmp_path: Path, capl
     assert caplog.messages == [], "the device was not opened while the modem hung up"
 
 
+def slow_example(port: str) -> str:
+    """The example with a guard time in which an edit fits."""
+    return made_quick(EXAMPLE, port).replace("guard: 100 ms", "guard: 500 ms")
+
+
+async def dialled_again(phone: Telephone) -> None:
+    while len(phone.modem.dialled) < 2:
+        await asyncio.sleep(0)
+
+
+def test_a_second_edit_waits_for_the_modem_too(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO, "framekit.service.driver")
+
+    async def check() -> None:
+        phone = Telephone("CONNECT", "CONNECT", has_echo=True, has_words=True)
+        path = tmp_path / "pump-house.run.yaml"
+        text = slow_example(phone.cable.path)
+        path.write_text(text, "utf-8")
+        async with AsyncRun(path) as run:
+            await opened(run)
+            for number in ("5678", "9999"):
+                path.write_text(text.replace("6221 1234", f"6221 {number}"), "utf-8")
+                run.edit(load_run(path))
+            await dialled_again(phone)
+            await opened(run)
+        calls = (["ATZ", "ATX3", f"ATDT0,6221{number}", "ATH"] for number in ("1234", "9999"))
+        assert phone.modem.commands == [*chain(*calls)]
+        phone.close()
+
+    run_real(check())
+    assert caplog.messages == [], "the device was not opened while the modem hung up"
+
+
+def test_a_channel_with_another_number_waits_for_the_modem(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO, "framekit.service.driver")
+
+    async def check() -> None:
+        phone = Telephone("CONNECT", "CONNECT", has_echo=True, has_words=True)
+        path, link = tmp_path / "pump-house.run.yaml", tmp_path / "modem"
+        link.symlink_to(phone.cable.path)
+        text = slow_example(phone.cable.path)
+        path.write_text(text, "utf-8")
+        async with AsyncRun(path) as run:
+            await opened(run)
+            text = text.replace("  1:\n", "  2:\n").replace("{station: 1,", "{channel: 2, station: 1,")
+            path.write_text(text.replace(phone.cable.path, str(link)), "utf-8")
+            run.edit(load_run(path))
+            await dialled_again(phone)
+            await opened(run)
+        assert phone.modem.commands == ["ATZ", "ATX3", "ATDT0,62211234", "ATH"] * 2
+        phone.close()
+
+    run_real(check())
+    assert caplog.messages == [], "the device was not opened while the modem hung up"
+
+
+def test_a_channel_disabled_and_enabled_by_hand_waits_for_the_modem_of_the_one_before(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO, "framekit.service.driver")
+
+    async def check() -> None:
+        phone = Telephone("CONNECT", "CONNECT", has_echo=True, has_words=True)
+        path = tmp_path / "pump-house.run.yaml"
+        text = slow_example(phone.cable.path)
+        path.write_text(text, "utf-8")
+        async with AsyncRun(path) as run:
+            await opened(run)
+            path.write_text(text.replace("6221 1234", "6221 5678"), "utf-8")
+            run.edit(load_run(path))
+            run.enable_channel(1, False)
+            run.enable_channel(1)
+            await dialled_again(phone)
+            await opened(run)
+        assert phone.modem.commands.count("ATH") == 2 and not phone.modem.is_online
+        phone.close()
+
+    run_real(check())
+    assert caplog.messages == [], "the device was not opened while the modem hung up"
+
+
+@pytest.mark.parametrize("change", ["disabled", "gone"])
+def test_a_run_that_ends_after_an_edit_waits_until_the_modem_has_hung_up(change: str, tmp_path: Path) -> None:
+    async def check() -> None:
+        phone = Telephone("CONNECT", has_echo=True, has_words=True)
+        path = tmp_path / "pump-house.run.yaml"
+        text = slow_example(phone.cable.path)
+        path.write_text(text, "utf-8")
+        run = AsyncRun(path)
+        run.start()
+        await opened(run)
+        if change == "disabled":
+            text = text.replace("    protocol: modbus-rtu\n", "    protocol: modbus-rtu\n    enabled: no\n")
+        else:
+            text = text.replace(phone.cable.path, str(tmp_path / "another"))
+        path.write_text(text, "utf-8")
+        run.edit(load_run(path))
+        assert phone.modem.is_online
+        await run.finish()
+        assert not phone.modem.is_online and phone.modem.commands[-1] == "ATH"
+        phone.close()
+
+    run_real(check())
+
+
 def test_a_run_that_ends_while_it_dials_cancels_the_call(tmp_path: Path) -> None:
     async def check() -> None:
         phone = Telephone("", has_echo=True, has_words=True)
