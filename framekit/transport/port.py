@@ -71,12 +71,18 @@ class Port(ABC):
     """Whether bytes take their time on the line, once it is open; False on a pseudo-terminal."""
     sees_damage = False
     """Whether the port, while open, reports damaged characters and breaks."""
-    rests_until = 0
-    """Time (ns) before which the port should not be opened again after a failure; a modem makes no call meanwhile."""
     in_time = False
     """Whether the port uses the time of the clock's calls, however late they run, so that a busy process delays no
     simulated device.
     """
+
+    @property
+    def rests_until(self) -> int:
+        """Return the time (ns) before which the port should not be opened again after a failure; 0: at once.
+
+        A modem makes no call meanwhile.
+        """
+        return 0
 
     @property
     def has_unread(self) -> bool:
@@ -222,7 +228,7 @@ class PassingPort(Port, PortEvents):
         self.inner.when_closed(done)
 
     @property
-    def rests_until(self) -> int:  # type: ignore[override]
+    def rests_until(self) -> int:
         return self.inner.rests_until
 
     def write_marked(self, data: bytes, marked: int) -> None:
@@ -391,6 +397,10 @@ class UserPort(Port):
             self.shared.port.write_marked(data, marked)
 
     @property
+    def rests_until(self) -> int:
+        return self.shared.port.rests_until
+
+    @property
     def hears_marks(self) -> bool:  # type: ignore[override]
         return self.shared.port.hears_marks
 
@@ -408,6 +418,9 @@ class UserPort(Port):
 
     def close(self) -> None:
         self.shared.close(self)
+
+    def when_closed(self, done: Callable[[], None]) -> None:
+        self.shared.port.when_closed(done)
 
     def send_break(self, duration: int) -> None:
         if self in self.shared.users:

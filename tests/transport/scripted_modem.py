@@ -30,11 +30,17 @@ class ScriptedModem:
     has_words: bool = True
     refused: tuple[str, ...] = ()
     """Commands that it refuses."""
+    reports_junk: bool = False
+    """Whether it answers lines that are no commands with ERROR."""
+    answers_calls: bool = True
+    """Whether ATA has a result."""
     is_deaf: bool = False
     takes: int = 2 * SECOND
     """Time from dialling to the result of the call (ns)."""
     guard: int = SECOND
     """Silence that it wants around the escape sequence (ns)."""
+    unknown_connections: tuple[str, ...] = ()
+    """Results of calls that are connected, in this modem's own words or numbers."""
     answer: Callable[[bytes], bytes] = lambda data: b""
     """The station at the other end: its reply to data of the connection."""
 
@@ -62,13 +68,16 @@ class ScriptedModem:
             self._call += 1
             self.say("NO CARRIER")
             return
+        if self.has_echo and data:
+            self.write(data)
         self._text += data
         while b"\r" in self._text:
-            command, _, self._text = self._text.partition(b"\r")
-            if self.has_echo:
-                self.write(command + b"\r")
-            if command:
-                self._command(command.decode("ascii"))
+            line, _, self._text = self._text.partition(b"\r")
+            _, prefix, body = line.partition(b"AT")
+            if prefix:
+                self._command((prefix + body).decode("ascii"))
+            elif line and self.reports_junk:
+                self.say("ERROR")
 
     def _command(self, command: str) -> None:
         self.commands.append(command)
@@ -82,7 +91,10 @@ class ScriptedModem:
             if result:
                 self.later(self.takes, lambda: self._called(call, result))
         elif command == "ATA":
-            self.connect("CONNECT 9600")
+            if self.answers_calls:
+                self.connect("CONNECT 9600")
+            else:
+                self.is_calling = True
         else:
             self.say("OK")
 
@@ -90,7 +102,7 @@ class ScriptedModem:
         if call != self._call or not self.is_calling:
             return
         self.is_calling = False
-        if result.startswith("CONNECT"):
+        if result.startswith("CONNECT") or result in self.unknown_connections:
             self.connect(result)
         else:
             self.say(result)

@@ -236,7 +236,7 @@ def test_after_all_retries_no_call_for_a_long_time() -> None:
     _, states = driven(desk, longest_retry=SECOND)
     desk.run(1900)
     assert pauses(desk) == [22, 602, 22, 602]
-    assert states[1].endswith("; after 2 calls without a connection framekit waits for 600 s")
+    assert states[1].endswith("; after 2 failed calls framekit waits for 600 s")
     assert not states[0].endswith("600 s") and states[-1] == "open"
 
 
@@ -249,6 +249,36 @@ def test_a_request_in_a_hurry_makes_no_earlier_call() -> None:
     assert len(desk.modem.dialled) == 1
     desk.run(10)
     assert driver.is_open
+
+
+@pytest.mark.parametrize("way", ["while it dials", "while it is connected", "carrier"])
+def test_calls_that_the_other_end_of_the_cable_ends_at_once_are_failed_calls(way: str) -> None:
+    desk = Desk(dialling(retries=3, pause=10 * SECOND, rest=600 * SECOND), *["CONNECT"] * 20)
+    _, states = driven(desk, longest_retry=SECOND)
+    for _ in range(4 * 1290):
+        desk.run(0.25)
+        if {"while it dials": desk.modem.is_calling, "while it is connected": desk.modem.is_online}.get(way):
+            desk.modem.is_calling = desk.modem.is_online = False
+            desk.wire.pull("the serial server has closed the connection")
+        elif desk.modem.is_online:
+            desk.modem.lose_carrier()
+    short = 10 if way == "while it dials" else 12
+    assert pauses(desk)[:8] == [short, short, short, short + 590] * 2
+    waits = "; after 4 failed calls framekit waits for 600 s"
+    assert [waits in state for state in states if state != "open"][:8] == [False, False, False, True] * 2
+
+
+def test_a_connection_that_lasts_begins_a_new_count_of_failed_calls() -> None:
+    desk = Desk(dialling(retries=1), "CONNECT", "BUSY", "CONNECT", "BUSY", "CONNECT")
+    _, states = driven(desk)
+    for _ in range(2):
+        desk.run(60)
+        desk.modem.is_online = False
+        desk.wire.pull("pulled")
+        desk.run(20)
+    desk.run(10)
+    assert states == ["open", "pulled", f"com: the modem answers BUSY: {NUMBER} is engaged"] * 2 + ["open"]
+    assert all(gap <= 72 for gap in pauses(desk))
 
 
 @pytest.mark.parametrize("way", ["words", "in pieces", "after data", "dcd"])
@@ -283,6 +313,46 @@ def test_the_words_inside_of_data_end_no_connection() -> None:
     desk.run(0.5)
     desk.modem.write(b"goes on")
     desk.run(5)
+    assert states == ["open"]
+
+
+@pytest.mark.parametrize("reports_junk", [True, False])
+@pytest.mark.parametrize("request_", [b"\x01\x03\x00\x00\x00\x01\x84\x0a", b"read 1\r"])
+def test_requests_do_not_hide_a_lost_carrier_where_the_modem_echoes(request_: bytes, reports_junk: bool) -> None:
+    desk = Desk(dialling(), "CONNECT", "CONNECT", reports_junk=reports_junk)
+    _, states = driven(desk)
+    desk.run(10)
+    desk.port.write(request_)
+    desk.run(0.5)
+    desk.modem.is_online = False
+    desk.modem.write(b"x~}\r\nNO CARRIER\r\n")
+    for _ in range(10):
+        desk.run(0.3)
+        desk.port.write(request_)
+    assert states == ["open", f"com: the connection with {NUMBER} is lost"]
+    desk.run(20)
+    assert states[2:] == ["open"]
+
+
+def test_an_echo_in_the_same_piece_as_the_message() -> None:
+    desk = Desk(dialling(), "CONNECT", "CONNECT")
+    _, states = driven(desk)
+    desk.run(10)
+    desk.port.write(b"request")
+    desk.run(0.2)
+    desk.modem.is_online = False
+    desk.modem.write(b"\r\nNO CARRIER\r\nquest")
+    desk.run(2)
+    assert len(states) == 2
+
+
+def test_other_data_after_the_words_is_data() -> None:
+    desk = Desk(dialling(), "CONNECT")
+    _, states = driven(desk)
+    desk.run(10)
+    desk.port.write(b"show the log\r")
+    desk.modem.write(b"log:\r\nNO CARRIER\r\nshow the lot")
+    desk.run(100)
     assert states == ["open"]
 
 
@@ -347,6 +417,97 @@ def test_a_cable_that_is_pulled_out_while_the_modem_hangs_up() -> None:
     assert ended == [1] and desk.events == ["opened"]
 
 
+def test_an_unknown_number_after_dialling_may_be_a_connection_and_is_hung_up() -> None:
+    desk = Desk(dialling(retries=0, rest=100 * SECOND), "12", has_words=False, unknown_connections=("12",))
+    _, states = driven(desk)
+    desk.run(50)
+    assert desk.modem.commands == ["ATZ", f"ATDT{NUMBER}", "ATH"] and not desk.modem.is_online
+    why = "the modem answers 12, which each maker uses differently – add ATV1 to init"
+    assert states == [f"com: {why}; after the failed call framekit waits for 100 s"]
+    assert desk.port.rests_until > desk.modem.dialled[0] + 104 * SECOND, "the rest begins when the modem has hung up"
+
+
+def test_closing_while_an_unclear_call_is_hung_up_reports_no_event() -> None:
+    desk = Desk(dialling(), "12", has_words=False, unknown_connections=("12",))
+    desk.open(2.5)
+    desk.port.close()
+    ended: list[int] = []
+    desk.port.when_closed(lambda: ended.append(1))
+    assert ended == []
+    desk.run(20)
+    assert ended == [1] and desk.events == [] and desk.modem.commands[-1] == "ATH"
+
+
+def test_a_cable_that_is_pulled_out_while_an_unclear_call_is_hung_up() -> None:
+    desk = Desk(dialling(), "12", has_words=False, unknown_connections=("12",))
+    desk.open(2.5)
+    desk.wire.pull("pulled")
+    desk.run(1)
+    assert desk.events == ["closed: com: the modem answers 12, which each maker uses differently – add ATV1 to init"]
+
+
+def test_a_call_whose_cancelling_has_no_reply_is_hung_up() -> None:
+    desk = Desk(dialling(connect_within=30 * SECOND), "")
+    desk.open(29)
+    desk.modem.is_calling, desk.modem.is_online = False, True
+    desk.run(30)
+    assert desk.modem.commands[-1] == "ATH" and not desk.modem.is_online
+    assert desk.events == [f"closed: com: no connection with {NUMBER} within 30 s"]
+
+
+def test_closing_hangs_up_when_cancelling_the_call_has_no_reply() -> None:
+    desk = Desk(dialling(), "")
+    desk.open(5)
+    desk.modem.is_calling, desk.modem.is_online = False, True
+    desk.port.close()
+    desk.run(30)
+    assert desk.modem.commands[-1] == "ATH" and not desk.modem.is_online
+
+
+@pytest.mark.parametrize("has_words", [True, False])
+def test_data_that_still_comes_does_not_hide_the_reply_to_the_escape_sequence(has_words: bool) -> None:
+    desk = Desk(dialling(), "CONNECT", has_words=has_words)
+    desk.open()
+    desk.port.close()
+    desk.run(1.5)
+    desk.modem.write(b"\x01\x03tail")
+    desk.run(30)
+    assert desk.modem.commands[-1] == "ATH" and not desk.modem.is_online
+
+
+def test_a_modem_in_command_mode_is_hung_up_too(caplog: pytest.LogCaptureFixture) -> None:
+    desk = Desk(dialling(), "CONNECT", has_words=False)
+    desk.open()
+    desk.modem.lose_carrier()
+    desk.run(10)
+    assert desk.events == ["opened"], "a number among data is data"
+    desk.port.close()
+    desk.run(30)
+    assert desk.modem.commands[-1] == "ATH" and not caplog.messages
+
+
+@pytest.mark.parametrize("has_words", [True, False])
+@pytest.mark.parametrize("modem", [dialling(), Modem(answer=1)])
+def test_a_modem_that_is_still_connected_at_the_start_is_hung_up_first(modem: Modem, has_words: bool) -> None:
+    desk = Desk(modem, "CONNECT", has_words=has_words)
+    desk.modem.is_online = True
+    desk.open(60)
+    assert desk.modem.commands[:2] == ["ATH", "ATZ"] and "ATH" not in desk.modem.commands[2:]
+    assert desk.events == ([] if modem.dialling is None else ["opened"])
+
+
+def test_dtr_ends_a_connection_of_an_earlier_run() -> None:
+    desk = Desk(dialling(hang_up="dtr"), "CONNECT")
+    desk.modem.is_online = True
+    desk.run(0.1)
+    desk.port.open(desk.here)
+    desk.run(15.5)
+    assert desk.inner.dtr, "three commands without a reply"
+    desk.modem.is_online = False
+    desk.run(20)
+    assert desk.events == ["opened"] and [on for on, _ in desk.inner.dtr] == [False]
+
+
 # ---- answering, dedicated lines -----------------------------------------------------------------------------
 
 
@@ -380,6 +541,73 @@ def test_an_answered_call_is_hung_up_by_closing() -> None:
     assert desk.modem.commands == ["ATZ", "ATA", "ATH"]
 
 
+def test_an_answer_without_a_result_is_cancelled_and_the_next_call_is_answered(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    desk = Desk(Modem(answer=2), answers_calls=False)
+    desk.open()
+    for _ in range(2):
+        desk.modem.say("RING")
+        desk.run(5)
+    desk.run(70)
+    assert not desk.modem.is_calling
+    assert caplog.messages == ["com: no connection within 60 s after ATA"]
+    desk.modem.answers_calls = True
+    for _ in range(2):
+        assert desk.events == []
+        desk.modem.say("RING")
+        desk.run(5)
+    assert desk.modem.commands == ["ATZ", "ATA", "ATA"] and desk.events == ["opened"]
+
+
+def test_a_modem_that_confirms_no_cancelled_answer_is_hung_up_and_set_up_again() -> None:
+    desk = Desk(Modem(answer=1), answers_calls=False)
+    desk.open()
+    desk.modem.say("RING")
+    desk.run(5)
+    desk.modem.is_calling, desk.modem.is_online, desk.modem.answers_calls = False, True, True
+    desk.run(90)
+    assert desk.modem.commands == ["ATZ", "ATA", "ATH", "ATZ"] and desk.events == []
+    desk.modem.say("RING")
+    desk.run(5)
+    assert desk.events == ["opened"]
+
+
+def test_rings_go_on_after_an_answer_that_the_modem_has_not_understood() -> None:
+    desk = Desk(Modem(answer=1), answers_calls=False)
+    desk.open()
+    desk.modem.say("RING")
+    desk.run(0.5)
+    desk.modem.say("RING")
+    desk.run(5)
+    assert desk.modem.commands == ["ATZ", "ATA"], "a ring at the same time as the answer"
+    desk.modem.is_calling, desk.modem.answers_calls = False, True
+    desk.modem.say("RING")
+    desk.run(5)
+    assert desk.modem.commands == ["ATZ", "ATA", "ATA"] and desk.events == ["opened"]
+
+
+def test_rings_of_two_calls_are_not_added() -> None:
+    desk = Desk(Modem(answer=2))
+    desk.open()
+    for _ in range(3):
+        desk.modem.say("RING")
+        desk.run(60)
+    assert desk.modem.commands == ["ATZ"]
+
+
+def test_an_unknown_number_after_an_answer_is_hung_up(caplog: pytest.LogCaptureFixture) -> None:
+    desk = Desk(Modem(answer=1), has_words=False, answers_calls=False)
+    desk.open()
+    desk.modem.say("RING")
+    desk.run(2)
+    desk.modem.is_calling = False
+    desk.modem.connect("12")
+    desk.run(20)
+    assert desk.modem.commands == ["ATZ", "ATA", "ATH", "ATZ"] and not desk.modem.is_online
+    assert caplog.messages == ["com: the modem answers 12, which each maker uses differently – add ATV1 to init"]
+
+
 def test_a_dedicated_line_is_open_once_the_modem_is_set_up() -> None:
     desk = Desk(Modem(init="ATZ", answer=None))
     desk.open()
@@ -399,6 +627,6 @@ def test_a_dedicated_line_is_open_once_the_modem_is_set_up() -> None:
 )
 def test_a_modem_that_cannot_be_set_up(modem: Modem, script: dict[str, Any], reason: str) -> None:
     desk = Desk(modem, **script)
-    desk.open(20)
+    desk.open(40)
     assert desk.events == [f"closed: com: {reason}"]
     assert isinstance(desk.port, ModemPort) and desk.modem.dialled == []
