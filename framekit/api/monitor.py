@@ -190,6 +190,9 @@ class _Listening:
     def hear_marks(self) -> None:
         self.listener.hear_marks()
 
+    def hear_late(self) -> None:
+        self.listener.hear_late()
+
     def closed(self, now: int, reason: str = "") -> list[Command]:
         self.listener.ended(now)
         self.monitor(Seen("", "closed", now, reason=reason))

@@ -139,6 +139,9 @@ class _Wire:
     def hear_marks(self) -> None:
         """Note that characters carry marks."""
 
+    def hear_late(self) -> None:
+        """Note that the times are those of reading."""
+
     def other_sender(self, now: int) -> list[Command]:
         return []
 

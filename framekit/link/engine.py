@@ -183,6 +183,10 @@ class Engine:
         """Note, before the port opens, that it reports the ninth bits of characters."""
         self._port_hears_marks = True
 
+    def hear_late(self) -> None:
+        """Note, before the port opens, that a time of bytes is the time of their reading, not of their arrival."""
+        self.receiver.has_exact_times = False
+
     @property
     def _hears_marks(self) -> bool:
         line = self.scope.line.line
@@ -216,9 +220,10 @@ class Engine:
     def receive(self, data: bytes, now: int, faults: Iterable[CharacterFault] = ()) -> list[Command]:
         """Handle arriving bytes, the last of them at `now`; `faults` names damaged characters among them.
 
-        Bytes come before time limits that have run out and were not ticked: a busy process reads them late.
+        Bytes come before time limits that have run out and were not ticked: a busy process reads them late. For the
+        same reason only `tick` ends a frame by a pause, unless the times of the port are exact.
         """
-        if self.deadline < now:
+        if self.deadline < now and self.receiver.has_exact_times:
             self._end_frames(now)
         self.scope.now = self.output.last_received = now
         self.receiver.append(data, now, faults)

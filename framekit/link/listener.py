@@ -72,6 +72,13 @@ class Listener:
         self._announcing = any(info.announces for info in self.table.infos.values())
         self._next_side: Side = "client"
         self._hears_marks = False
+        self._has_exact_times = True
+
+    def hear_late(self) -> None:
+        """Note, before any byte, that a time of bytes is the time of their reading: only `tick` ends a frame by a
+        pause.
+        """
+        self._has_exact_times = False
 
     def hear_marks(self) -> None:
         """Note that the port or the capture reports the ninth bits of characters."""
@@ -93,6 +100,7 @@ class Listener:
         if wires is None:
             receiver = Receiver(self._codec, self.protocol, self._names, self.table, self._trouble)
             receiver.hear_marks(self._hears_marks)
+            receiver.has_exact_times = self._has_exact_times
             side: Side | None = None
             if self._client is not None and direction:
                 side = "client" if direction == self._client else "server"
@@ -108,7 +116,7 @@ class Listener:
         wires = self._wire(direction)
         scope = self.scope
         began = max(scope.now, now - scope.line.chars(len(data)))
-        if self.deadline <= began:
+        if self._has_exact_times and self.deadline <= began:
             self.tick(began)
         scope.now = max(scope.now, now)
         wires.receiver.append(data, now, faults)

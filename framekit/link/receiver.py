@@ -98,6 +98,8 @@ class Receiver:
         """The candidates that the bytes at hand fit so far."""
         self.has_unread = False
         """Whether bytes are at hand that are no frame yet, or noise, or that no call has looked at."""
+        self.has_exact_times = True
+        """Whether bytes came when `append` says; if not, only a pause that `tick` notes may end a frame."""
         self.on_scan: Callable[[], None] = lambda: None
         """Called before pauses matter, to set how long they may be."""
         self._rules = protocol.receiver
@@ -173,7 +175,9 @@ class Receiver:
             faults = [CharacterFault(len(before) + one.index, one.fault) for one in faults]
         goes_on = stream.add(data, now, faults)
         if (goes_on or self._noise.data or self._skipping) and now - last > self.pauses.line.character * len(data):
-            self.pauses.note(last, len(data))
+            is_inside = goes_on and bool(self.waiting) and not self.has_exact_times
+            if not (is_inside and self._needs_silence):
+                self.pauses.note(last, len(data), not is_inside)
 
     def tick(self, now: int) -> None:
         """Note that no byte has come until `now`; the next call that looks for frames reports the consequences."""

@@ -268,8 +268,11 @@ class Pauses:
         except EVALUATION_ERRORS:
             return None
 
-    def note(self, last: int, count: int) -> None:
-        """Mark a pause before the `count` bytes that came last; those before them came at `last`."""
+    def note(self, last: int, count: int, may_end_frame: bool) -> None:
+        """Mark a pause before the `count` bytes that came last; those before them came at `last`.
+
+        `may_end_frame`: a pause longer than the gap ends the frame before it; otherwise it only counts as a silence.
+        """
         stream = self._stream
         pause = stream.last - last - self.line.chars(count)
         if pause <= 0:
@@ -278,7 +281,7 @@ class Pauses:
         place = stream.base + len(stream.buffer) - count
         if pause > quiet:
             stream.mark(stream.silences, place)
-        if gap is not None and pause > gap:
+        if may_end_frame and gap is not None and pause > gap:
             stream.mark(stream.pauses, place)
 
     def is_quiet(self, now: int) -> bool:

@@ -74,10 +74,13 @@ STALL = 5_000_000
 """A call that comes later than this (ns) shows that the process was stalled, and that the loop has not read yet."""
 
 MOST_UNREAD = 65_536
-"""Time limits that have run out wait until so many bytes have been read at most."""
+"""Limit of the bytes that are read before expired time limits take effect."""
 
 IDLE_TURNS, MOST_TURNS = 2, 256
-"""They wait no longer after so many turns of the loop in which no byte was read, and none waits; or was read."""
+"""Expired time limits take effect after this number of successive turns of the loop in which the port reported no byte.
+
+The first number counts if the port has no unread bytes or cannot know, the second if it has unread bytes.
+"""
 
 
 class Driven(Protocol):
@@ -89,6 +92,8 @@ class Driven(Protocol):
     def opened(self, now: int) -> list[Command]: ...
 
     def hear_marks(self) -> None: ...
+
+    def hear_late(self) -> None: ...
 
     def closed(self, now: int, reason: str = "") -> list[Command]: ...
 
@@ -221,6 +226,8 @@ class Driver(PortEvents):
             self.load.change(own)
         if self.port.hears_marks:
             self.engine.hear_marks()
+        if not self.port.has_exact_times:
+            self.engine.hear_late()
         self.carry_out(self.engine.opened(now))
 
     def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
@@ -278,10 +285,12 @@ class Driver(PortEvents):
 
     def carry_out(self, commands: list[Command]) -> None:
         """Carry out commands of the engine, in order, and set the alarm to its deadline."""
-        if commands:
-            self.pending.extend(commands)
-            self._next_commands()
-        self._alarm.set(NEVER if self.stopped else self.engine.deadline)
+        try:
+            if commands:
+                self.pending.extend(commands)
+                self._next_commands()
+        finally:
+            self.look_at_time()
 
     def _next_commands(self) -> None:
         """Carry out pending commands in order; a command with a future time holds back the following commands."""
@@ -336,18 +345,21 @@ class Driver(PortEvents):
     def _ring(self) -> None:
         """Let times run out, unless bytes are unread: they arrived before, however late the process is.
 
-        After a stall the loop reads first, for ports that do not know whether bytes are unread.
+        After a stall the loop reads first, for ports that do not know whether bytes are unread. If the port raises an
+        exception, times run out before it is passed on.
         """
         if self._is_reading:
             return
         now = self._now()
-        if self.port.has_unread or now - self.engine.deadline > STALL:
-            self._is_reading = True
-            self._read_from = self._read_to = self.load.bytes_in
-            self._idle_turns = 0
-            self.clock.call_soon(self._read_on)
-        else:
-            self.carry_out(self.engine.tick(now))
+        try:
+            self._is_reading = self.port.has_unread or now - self.engine.deadline > STALL
+        finally:
+            if self._is_reading:
+                self._read_from = self._read_to = self.load.bytes_in
+                self._idle_turns = 0
+                self.clock.call_soon(self._read_on)
+            else:
+                self.carry_out(self.engine.tick(now))
 
     def _read_on(self) -> None:
         """Let times run out when the port has read everything; the loop reads in its turns."""
@@ -356,9 +368,12 @@ class Driver(PortEvents):
         now, count = self._now(), self.load.bytes_in
         self._idle_turns = self._idle_turns + 1 if count == self._read_to else 0
         self._read_to = count
-        most = MOST_TURNS if self.port.has_unread else IDLE_TURNS
-        if self._idle_turns < most and count - self._read_from < MOST_UNREAD:
-            self.clock.call_soon(self._read_on)
-        else:
-            self._is_reading = False
-            self.carry_out(self.engine.tick(now))
+        self._is_reading = False  # also if the port raises an exception
+        try:
+            most = MOST_TURNS if self.port.has_unread else IDLE_TURNS
+            self._is_reading = self._idle_turns < most and count - self._read_from < MOST_UNREAD
+        finally:
+            if self._is_reading:
+                self.clock.call_soon(self._read_on)
+            else:
+                self.carry_out(self.engine.tick(now))

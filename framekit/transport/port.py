@@ -382,6 +382,7 @@ class UserPort(Port):
         self.name = shared.port.name
         self.settings = shared.port.settings
         self.opens_again = shared.port.opens_again
+        self.has_exact_times = shared.port.has_exact_times
 
     def open(self, events: PortEvents) -> None:
         self.shared.open(self, events)

@@ -31,7 +31,7 @@ from functools import partial
 from queue import SimpleQueue
 from typing import Any
 
-from framekit.definition.times import PLAIN, Direction, LineFormat, LineSettings
+from framekit.definition.times import NEVER, PLAIN, Direction, LineFormat, LineSettings
 from framekit.link.events import CharacterFault, LineFault
 from framekit.transport.clock import AsyncioClock
 from framekit.transport.port import Port, PortEvents
@@ -226,6 +226,10 @@ def set_attribute(device: Any, name: str, on: bool) -> None:
 
 Order = Callable[[Any], None]
 
+LONGEST_READ = 60_000_000
+"""A read of a thread that lasts longer than this (ns) has ended, and the thread is stalled: a read ends after `POLL`.
+"""
+
 
 class ThreadConnection(SerialConnection):
     """A device being opened or open, handled by two threads. `previous` is closed before this one is opened."""
@@ -253,6 +257,8 @@ class ThreadConnection(SerialConnection):
         self._device: Any = None
         self._has_read = False
         """Whether the thread has read bytes that are not reported yet."""
+        self._reads_since = NEVER
+        """Start of the latest read of the thread."""
         self._previous = previous.finished if previous is not None else None
         threading.Thread(target=self._run, daemon=True, name=f"reads {url}").start()
 
@@ -279,11 +285,12 @@ class ThreadConnection(SerialConnection):
     def _read_forever(self, device: Any) -> None:
         try:
             while not self._stopping.is_set():
+                self._reads_since = self.clock.now()
                 data = device.read(1)
-                while data and (more := device.in_waiting) and len(data) < READ_SIZE:
-                    data += device.read(min(more, READ_SIZE))
                 if data:
                     self._has_read = True
+                    while (more := device.in_waiting) and len(data) < READ_SIZE:
+                        data += device.read(min(more, READ_SIZE))
                     self._heard.clear()
                     self._tell(partial(self._received, bytes(data), self.clock.now()))
                     while not self._heard.wait(POLL) and not self._stopping.is_set():
@@ -322,7 +329,13 @@ class ThreadConnection(SerialConnection):
 
     @property
     def has_unread(self) -> bool:
-        if self._has_read:
+        """Return whether the thread or the device has unread bytes, or the thread is stalled and may have some.
+
+        Unknown for bytes that the thread reads at this moment.
+        """
+        if self._closed:
+            return False
+        if self._has_read or self.clock.now() - self._reads_since > LONGEST_READ:
             return True
         with contextlib.suppress(*SERIAL_ERRORS, AttributeError):
             return bool(self._device.in_waiting)

@@ -9,7 +9,7 @@ import sys
 class UnreadInput:
     """The input of a file descriptor, or on Windows of a socket; `bool` of it returns whether a read would return.
 
-    That is also the case at the end of a connection.
+    That is also the case at the end of a connection, and if the question itself fails: a read then reports the loss.
     """
 
     __slots__ = ("_descriptor", "_poll")
@@ -21,6 +21,9 @@ class UnreadInput:
             self._poll.register(descriptor, select.POLLIN)
 
     def __bool__(self) -> bool:
-        if sys.platform == "win32":
-            return bool(select.select([self._descriptor], [], [], 0)[0])
-        return bool(self._poll.poll(0))
+        try:
+            if sys.platform == "win32":
+                return bool(select.select([self._descriptor], [], [], 0)[0])
+            return bool(self._poll.poll(0))
+        except (OSError, ValueError):  # a descriptor that is closed, or -1
+            return True

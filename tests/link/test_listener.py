@@ -159,3 +159,37 @@ def test_a_bad_frame_is_one_thing_in_every_view(name: str) -> None:
     assert log.counts == {"bad": 2}
     assert [seen.kind for seen in bench.seen] == ["bad", "bad"]
     assert (bench.listener.counters.bad, bench.listener.counters.noise_bytes) == (2, 0)
+
+
+@pytest.mark.parametrize("name", ["modbus-rtu", "mldp"])
+def test_a_pause_that_no_tick_has_noted_ends_no_frame_where_times_are_those_of_reading(name: str) -> None:
+    """The process was stalled between two reads: the rest of the frame waited in the port."""
+    frame = ANSWER if name == "modbus-rtu" else bytes.fromhex("05 30 31 72 53 53 30 31 30 36 25 4D 57 31 30 30 04")
+    frame += b"" if name == "modbus-rtu" else b"%02X" % (sum(frame) & 0xFF)
+    for size in range(1, len(frame)):
+        bench = Bench(name)
+        bench.listener.hear_late()
+        bench.hear(frame[:size])
+        bench.hear(frame[size:], pause=5000 * MS)
+        bench.rest(10_000 * MS)
+        assert [(seen.kind, seen.raw) for seen in bench.seen] == [("frame", frame)]
+
+
+def test_a_pause_that_a_tick_has_noted_ends_a_frame_where_times_are_those_of_reading() -> None:
+    bench = Bench("modbus-rtu")
+    bench.listener.hear_late()
+    bench.hear(ANSWER[:6])
+    bench.rest(1000 * MS)
+    bench.hear(ANSWER)
+    bench.rest(1000 * MS)
+    assert [seen.kind for seen in bench.seen] == ["bad", "frame"] and bench.seen[1].raw == ANSWER
+
+
+def test_a_silence_that_no_tick_has_noted_is_a_place_to_begin_again() -> None:
+    """A broken frame and the next one were read one after the other, too fast for a tick between them."""
+    bench = Bench("modbus-rtu")
+    bench.listener.hear_late()
+    bench.hear(ANSWER[:6])
+    bench.hear(ASK, pause=20 * MS)
+    bench.rest(1000 * MS)
+    assert bench.seen[-1].kind == "frame" and bench.seen[-1].raw == ASK

@@ -130,12 +130,13 @@ class LateWorld:
 
     `watched`: a monitor gets each record. `lateness`: how late each frame of the device is, independently; with
     `rules` the frames after a late frame wait for it. `stalls`: the process of the client stalls by this plan, from
-    the first exchange on; `is_network`: everything it writes has left at once, as on a TCP connection.
+    the first exchange on; `is_network`: everything it writes has left at once, as on a TCP connection; a read returns
+    at most `room` bytes.
     """
 
     def __init__(
         self, name: str, *rules: FaultRule, watched: bool = False, seed: int = 1, lateness: Lateness | None = None,
-        stalls: Plan | None = None, reads_first: bool = False, is_network: bool = False, **params: Any,
+        stalls: Plan | None = None, reads_first: bool = False, is_network: bool = False, room: int = 64, **params: Any,
     ) -> None:  # fmt: skip
         self.line = line = LINES[name]
         self.clock = VirtualClock()
@@ -156,7 +157,7 @@ class LateWorld:
         self.process = StalledClock(self.clock, stalls or (lambda number: 0), reads_first)
         own: Port = wire.port("client")
         if stalls is not None:
-            own = StalledPort(own, self.process, is_network)
+            own = StalledPort(own, self.process, is_network, room)
         self.service = ClientService(
             protocol, own, self.clock if stalls is None else self.process, role=line.asking,
             params={**line.params, **params}, line=settings, own=line.own,

@@ -1,7 +1,8 @@
 """A client whose process stalls: its clock jumps ahead, and bytes that arrived meanwhile wait to be read.
 
 The stalls of a world are planned by the number of the interaction of the client with its clock and its port: each
-reading of the clock, each timer, each write. So a stall can come in every phase of an exchange, also within a function.
+reading of the clock, each timer, each write. So a stall can come in every phase of an exchange, also within a function
+and, where a read returns fewer bytes than a frame has, between two reads of one frame.
 """
 
 from __future__ import annotations

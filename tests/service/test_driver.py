@@ -9,7 +9,7 @@ import pytest
 from link.service_loop import codec_of
 
 from framekit.definition.times import NEVER
-from framekit.link.events import CharacterFault, Command
+from framekit.link.events import CharacterFault, Command, Send
 from framekit.link.services.client import TransferResult
 from framekit.service.client import ClientService
 from framekit.service.driver import Driver
@@ -95,6 +95,9 @@ class FaultyEngine:
     def opened(self, now: int) -> list[Command]:
         return []
 
+    def hear_late(self) -> None:
+        pass
+
     def receive(self, data: bytes, now: int, faults: Iterable[CharacterFault] = ()) -> list[Command]:
         self.deadline = now + SECOND
         raise ArithmeticError(data)
@@ -134,3 +137,71 @@ def test_times_come_although_an_event_went_wrong(moment: FaultyMoment | None) ->
         driver.received(b"\x01", clock.now())
     clock.run_for(2 * SECOND)
     assert engine.rung == [2 * SECOND]
+
+
+class FailingPort(QuickPort):
+    """A port whose question for unread bytes fails at the numbers `fails`; at other numbers it returns `is_unread`."""
+
+    fails: tuple[int, ...] = ()
+    is_unread = True
+    asked = 0
+
+    @property
+    def has_unread(self) -> bool:
+        self.asked += 1
+        if self.asked in self.fails:
+            raise OSError("no such socket")
+        return self.is_unread
+
+
+@pytest.mark.parametrize("number", [1, 2, 3])
+def test_a_port_that_fails_while_times_run_out_stops_no_time_limit(number: int) -> None:
+    clock = VirtualClock()
+    port = FailingPort(clock)
+    service = ClientService(codec_of("modbus-rtu")[0], port, clock, role="client", params={"retries": 0})
+    service.start()
+    clock.run_for(SECOND)
+    results: list[TransferResult] = []
+
+    def read() -> None:
+        service.request(
+            lambda client, now, done: client.read("40001", station=1, count=1, now=now, on_done=done), results.append
+        )
+
+    port.asked, port.fails = 0, (number,)
+    read()
+    with pytest.raises(OSError, match="no such socket"):
+        clock.run_for(60 * SECOND)
+    port.is_unread = False
+    clock.run_for(60 * SECOND)
+    assert [result.outcome for result in results] == ["no_reply"]
+    read()
+    clock.run_for(600 * SECOND)
+    assert [result.outcome for result in results] == ["no_reply"] * 2
+
+
+class SendingEngine(FaultyEngine):
+    """Sends a byte each second."""
+
+    def tick(self, now: int) -> list[Command]:
+        self.rung.append(now)
+        self.deadline = now + SECOND
+        return [Send(b"x", 0, False)]
+
+
+class FullPort(QuickPort):
+    """A port whose writes fail."""
+
+    def write_through(self, data: bytes) -> bool:
+        raise OSError("no room")
+
+
+def test_a_write_that_fails_stops_no_time_limit() -> None:
+    clock, engine = VirtualClock(), SendingEngine()
+    engine.deadline = SECOND
+    driver = Driver(engine, FullPort(clock), clock)  # type: ignore[arg-type]
+    driver.start()
+    for _ in range(3):
+        with pytest.raises(OSError, match="no room"):
+            clock.run_for(10 * SECOND)
+    assert engine.rung == [SECOND, 2 * SECOND, 3 * SECOND]

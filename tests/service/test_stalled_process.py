@@ -36,6 +36,8 @@ LATE = (0, 0.5, 1.5, 6.5, 20)
 """How late three replies in ten are (of a run one in ten), in time limits."""
 STALLS = (0.1, 0.4, 1, 2, 5, 20, 60)
 """Durations of the stall (s)."""
+ROOMS = (1, 4, 64)
+"""The most bytes that a read returns: with few there are stalls between two reads of one frame."""
 MANY = int(os.environ.get("FRAMEKIT_EXCHANGES", "2000"))
 
 
@@ -52,33 +54,35 @@ def world_of(name: str, late: float, retries: int, is_network: bool, stalls: Pla
 
 
 @cache
-def interactions(name: str, late: float, retries: int, is_network: bool) -> int:
+def interactions(name: str, late: float, retries: int, is_network: bool, room: int = 64) -> int:
     """Return the number of places for a stall in the first eight exchanges."""
-    world = world_of(name, late, retries, is_network, lambda number: 0)
+    world = world_of(name, late, retries, is_network, lambda number: 0, room=room)
     world.exchanges(8)
     assert world.wrong == [] and world.process.interactions >= 40
     return world.process.interactions
 
 
-def check(name: str, late: float, retries: int, is_network: bool, number: int, stall: float, reads_first: bool) -> None:
+def check(
+    name: str, late: float, retries: int, is_network: bool, number: int, stall: float, reads_first: bool, room: int
+) -> None:
     plan = once(number, int(stall * SECOND))
-    world = world_of(name, late, retries, is_network, plan, reads_first=reads_first)
+    world = world_of(name, late, retries, is_network, plan, reads_first=reads_first, room=room)
     world.exchanges(10)
     assert world.wrong == []
     assert set(world.outcomes) <= {"ok", "no_reply"}
     assert late or set(world.outcomes) == {"ok"}, "a reply that arrived in time is no late reply"
 
 
-CASES = list(product(NAMES, LATE, (0, 2), (False, True), STALLS, (False, True)))
+CASES = list(product(NAMES, LATE, (0, 2), (False, True), STALLS, (False, True), ROOMS))
 
 
-@pytest.mark.parametrize(("name", "late", "retries", "is_network", "stall", "reads_first"), spread(CASES, 24))
+@pytest.mark.parametrize(("name", "late", "retries", "is_network", "stall", "reads_first", "room"), spread(CASES, 36))
 def test_a_stall_stores_nothing_wrong(
-    name: str, late: float, retries: int, is_network: bool, stall: float, reads_first: bool
+    name: str, late: float, retries: int, is_network: bool, stall: float, reads_first: bool, room: int
 ) -> None:
-    for number in range(1 + CASES.index((name, late, retries, is_network, stall, reads_first)) % 7,
-                        interactions(name, late, retries, is_network), 7):  # fmt: skip
-        check(name, late, retries, is_network, number, stall, reads_first)
+    for number in range(1 + CASES.index((name, late, retries, is_network, stall, reads_first, room)) % 7,
+                        interactions(name, late, retries, is_network, room), 7):  # fmt: skip
+        check(name, late, retries, is_network, number, stall, reads_first, room)
 
 
 @pytest.mark.long
@@ -87,8 +91,9 @@ def test_no_stall_in_any_phase_stores_anything_wrong(name: str, is_network: bool
     """Each third phase, in each case other phases; each phase if `FRAMEKIT_EXCHANGES` is set."""
     step = 1 if "FRAMEKIT_EXCHANGES" in os.environ else 3
     for case, (late, retries, stall, reads_first) in enumerate(product(LATE, (0, 2), STALLS, (False, True))):
-        for number in range(1 + case % step, interactions(name, late, retries, is_network), step):
-            check(name, late, retries, is_network, number, stall, reads_first)
+        room = ROOMS[case % 4 % 3]
+        for number in range(1 + case % step, interactions(name, late, retries, is_network, room), step):
+            check(name, late, retries, is_network, number, stall, reads_first, room)
 
 
 @pytest.mark.long
@@ -106,14 +111,49 @@ def test_many_stalls_store_nothing_wrong(name: str, late: float) -> None:
         assert set(world.outcomes) <= {"ok", "no_reply", "late_replies"}
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_a_reply_that_arrived_during_a_stall_is_in_time(name: str) -> None:
+@pytest.mark.parametrize(("name", "room"), list(product(NAMES, ROOMS)))
+def test_a_reply_that_arrived_during_a_stall_is_in_time(name: str, room: int) -> None:
     """It is neither late, nor is its request repeated, however long the stall was."""
-    for number in range(1, interactions(name, 0, 2, True)):
-        world = world_of(name, 0, 2, True, once(number, 60 * SECOND))
+    for number in range(1, interactions(name, 0, 2, True, room)):
+        world = world_of(name, 0, 2, True, once(number, 60 * SECOND), room=room)
         world.exchanges(8)
         counters = world.service.engine.counters
         assert (counters.late, counters.repeated) == (0, 0) and set(world.outcomes) == {"ok"}
+
+
+READ_IN_PIECES = (*NAMES, "modbus-ascii")
+
+
+@pytest.mark.parametrize(
+    ("name", "is_network", "stall", "room"), spread(product(READ_IN_PIECES, (False, True), STALLS, ROOMS), 16)
+)
+def test_a_stall_between_two_reads_of_a_frame_damages_no_frame(
+    name: str, is_network: bool, stall: float, room: int
+) -> None:
+    """The rest of the frame waits in the port: that it is read late is no evidence of a pause on the line."""
+
+    def world_with(plan: Plan) -> LateWorld:
+        world = LateWorld(name, lateness=lambda now: 0, stalls=plan, is_network=is_network, room=room)
+        world.exchanges(6)
+        return world
+
+    places = world_with(lambda number: 0).process.interactions
+    for number in range(1, places, 1 + places // 30):
+        world = world_with(once(number, int(stall * SECOND)))
+        counters = world.service.engine.counters
+        assert (counters.bad, counters.noise_bytes) == (0, 0) and set(world.outcomes) == {"ok"}, number
+
+
+@pytest.mark.parametrize("name", ("modbus-rtu", "ge-rtu"))
+def test_a_frame_that_stops_is_damaged_although_the_port_has_no_exact_times(name: str) -> None:
+    """The alarm of the gap rings while the port is empty: the loop has observed the pause."""
+    broken = FaultRule(kind="truncate", begin=2 * SECOND, end=60 * SECOND)
+    world = LateWorld(name, broken, stalls=lambda number: 0, retries=0, reply_timeout=5 * SECOND, watched=True)
+    assert world.exchange() == "ok"
+    world.clock.run_until(3 * SECOND)
+    assert world.exchange() == "damaged_reply"
+    (bad,) = [seen for seen in world.seen if seen.kind == "bad"]
+    assert bad.at < 3.2 * SECOND
 
 
 @pytest.mark.parametrize(("name", "late", "stall"), spread(product(NAMES, LATE, STALLS), 9))

@@ -1,20 +1,23 @@
-"""Ports know whether bytes have arrived that the loop has not read: TCP, UDP, and terminals."""
+"""Ports know whether bytes have arrived that the loop has not read: TCP, UDP, terminals, and devices of threads."""
 
 from __future__ import annotations
 
 import asyncio
 import os
 import socket
+import threading
 from collections.abc import Callable, Coroutine
 from typing import Any
 
 import pytest
 
+from framekit.transport import serial_port
 from framekit.transport.clock import AsyncioClock
 from framekit.transport.network import TcpPort, UdpPort
 from framekit.transport.port import Port, PortEvents
 from framekit.transport.pty_port import PtyPair
-from framekit.transport.serial_port import SerialPort
+from framekit.transport.serial_port import LONGEST_READ, SerialPort
+from framekit.transport.unread import UnreadInput
 
 
 class Events(PortEvents):
@@ -87,3 +90,86 @@ async def _a_terminal() -> None:
 @pytest.mark.parametrize("use", [_tcp, _udp, _a_terminal])
 def test_bytes_are_unread_until_the_loop_has_read_all_of_them(use: Callable[[], Coroutine[Any, Any, None]]) -> None:
     asyncio.run(use())
+
+
+@pytest.mark.parametrize("error", [OSError("not a socket"), ValueError("a negative file descriptor")])
+def test_bytes_are_unread_if_the_question_fails(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A read then reports the loss of the port."""
+
+    class Poll:
+        def register(self, descriptor: int, events: int) -> None:
+            assert descriptor >= 0
+
+        def poll(self, time_limit: int) -> list[tuple[int, int]]:
+            raise error
+
+    monkeypatch.setattr("select.poll", Poll)
+    assert UnreadInput(0)
+
+
+class ThreadDevice:
+    """A device of pyserial without a descriptor: `read` ends when the test lets it end, and so does `in_waiting`."""
+
+    def __init__(self) -> None:
+        self.reads, self.read_ends, self.asks, self.answers = (threading.Semaphore(0) for _ in range(4))
+        self.data = b""
+        self.loop_thread = threading.current_thread()
+
+    def read(self, size: int) -> bytes:
+        self.reads.release()
+        assert self.read_ends.acquire(timeout=60)
+        data, self.data = self.data, b""
+        return data
+
+    @property
+    def in_waiting(self) -> int:
+        if threading.current_thread() is not self.loop_thread:
+            self.asks.release()
+            assert self.answers.acquire(timeout=60)
+        return 0
+
+    def close(self) -> None:
+        self.data = b""
+
+
+class HandClock(AsyncioClock):
+    """A clock whose time the test sets; the calls of the loop keep real time."""
+
+    time = 0
+
+    def now(self) -> int:  # type: ignore[override]
+        return self.time
+
+
+async def _a_thread(device: ThreadDevice) -> None:
+    clock = HandClock(asyncio.get_running_loop())
+    port = SerialPort("rfc2217://far", None, clock)
+    events = Events()
+    port.open(events)
+    await events.is_open.wait()
+    assert device.reads.acquire(timeout=60)
+    clock.time += LONGEST_READ
+    assert not port.has_unread
+    clock.time += 1
+    assert port.has_unread, "the read has ended, and the thread was stalled since: it may have bytes"
+    device.read_ends.release()
+    assert device.reads.acquire(timeout=60)
+    assert not port.has_unread, "the read returned without bytes, and another has begun"
+    device.data = b"end"
+    device.read_ends.release()
+    assert device.asks.acquire(timeout=60)
+    assert port.has_unread, "the thread has read bytes, and asks for more"
+    device.answers.release()
+    await events.has_all.wait()
+    assert device.reads.acquire(timeout=60)
+    assert not port.has_unread
+    port.close()
+    clock.time += 1 + LONGEST_READ
+    assert not port.has_unread
+    device.read_ends.release()
+
+
+def test_bytes_that_a_thread_holds_are_unread(monkeypatch: pytest.MonkeyPatch) -> None:
+    device = ThreadDevice()
+    monkeypatch.setattr(serial_port, "open_device", lambda url, settings, wiring: device)
+    asyncio.run(_a_thread(device))
