@@ -187,7 +187,7 @@ class RunCalls:
 
     def __init__(
         self, run: RunModel, clock: Clock, do: Do, on_end: OnBlockEnd | None, on_seen: OnSeen | None,
-        monitor: OnSeen | Tape | None = None, capture: Path | None = None,
+        monitor: OnSeen | Tape | None = None, capture: Path | None = None, after: RunCalls | None = None,
     ) -> None:  # fmt: skip
         self.run = run
         self.lost: list[str] = []
@@ -198,7 +198,8 @@ class RunCalls:
         self._told_seen = on_seen
         self._started = self._over = False
         self._listeners: list[OnBlockEnd] = []
-        self._service = service = self._make(monitor)
+        service = self._make(monitor, None if after is None else after._service)
+        self._service: RunService = service
         self._capture = self._captures(capture)
         self._captured = frozenset(service.channels)
         for number, channel in service.channels.items():
@@ -206,10 +207,11 @@ class RunCalls:
         service.on_channel = self._came
         self.began = clock.now()
 
-    def _make(self, monitor: OnSeen | Tape | None) -> RunService:
+    def _make(self, monitor: OnSeen | Tape | None, after: RunService | None) -> RunService:
         try:
             watch: OnSeen | Tape | None = monitor if self._told_seen is None else self._seen
-            return RunService(self.run, self._clock, watch, None if self._told_end is None else self._ended)
+            on_end = None if self._told_end is None else self._ended
+            return RunService(self.run, self._clock, watch, on_end, after=after)
         except DefinitionError:
             raise
         except (ValueError, StateError) as error:
@@ -673,15 +675,16 @@ class AsyncRun(RunCalls):
     """A run file executed in the loop in which it is made; `async with` starts and stops it.
 
     Its memory may be used before the start. `on_end(status, ok)` and `on_seen(channel, seen)` are called in the loop.
+    `after`: the run before it in this loop, ended; late replies to requests of that run are not taken for its own.
     Raises DefinitionError for a wrong file, RequestError for a port of no known kind.
     """
 
     def __init__(
         self, run: str | Path | RunModel, *, on_end: OnBlockEnd | None = None, on_seen: OnSeen | None = None,
-        monitor: OnSeen | Tape | None = None, capture: Path | None = None,
+        monitor: OnSeen | Tape | None = None, capture: Path | None = None, after: AsyncRun | None = None,
     ) -> None:  # fmt: skip
         clock = AsyncioClock(asyncio.get_running_loop())
-        super().__init__(loaded(run), clock, lambda action: action(), on_end, on_seen, monitor, capture)
+        super().__init__(loaded(run), clock, lambda action: action(), on_end, on_seen, monitor, capture, after)
 
     def start(self) -> None:
         """Open the ports and arm the triggers. Raises RequestError after the stop."""

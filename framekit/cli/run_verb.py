@@ -9,6 +9,7 @@ import sys
 import threading
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext, suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
@@ -252,14 +253,15 @@ class RealRun:
         from framekit.api.run import AsyncRun
 
         gateway = self._gateway
+        make = partial(AsyncRun, after=self._run)
         try:
-            return made(AsyncRun, loaded, self._monitor(page), self.watch)
+            return made(make, loaded, self._monitor(page), self.watch)
         except (OSError, ValueError, VerbError) as error:
             if gateway is None or gateway.next_run is None:
                 raise
             before = gateway.has_failed(ValueError(str(error)) if isinstance(error, VerbError) else error)
             self._output = self._make_output(before)
-            return made(AsyncRun, before, self._monitor(page), self.watch)
+            return made(make, before, self._monitor(page), self.watch)
 
     def _monitor(self, page: WebPage) -> OnSeen | Tape | None:
         """Return the recorder of the frames of the lines: for the page, the output, or None."""

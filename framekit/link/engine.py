@@ -362,8 +362,9 @@ class Engine:
         self.lanes.give_up(exchange)
         return self._finish()
 
-    def leave_line(self) -> None:
-        """Note that another engine uses the line from now on: replies to exchanges under way will be late there."""
+    def leave_line(self, now: int) -> None:
+        """Note that another engine may use the line from now on: replies to exchanges under way will be late there."""
+        self.scope.now = max(self.scope.now, now)
         for run in self.machine.order:
             if run.asked is not None:
                 self.late.miss(run, run.asked)

@@ -52,7 +52,9 @@ NO_REPLIES = Replies(frozenset(), frozenset(), ())
 class OpenRequest:
     """A request whose reply has not come and may still come."""
 
-    __slots__ = ("asked", "at", "by_itself", "ends", "frames", "names", "number", "sent", "station", "within")
+    __slots__ = (
+        "asked", "at", "by_itself", "ends", "frames", "is_foreign", "names", "number", "sent", "station", "within",
+    )  # fmt: skip
 
     def __init__(
         self, x: Exchange | None, sent: FrameValue | None, names: Names, at: int, within: int,
@@ -70,6 +72,8 @@ class OpenRequest:
         """Time after which no reply to it is expected."""
         self.by_itself = False
         """Whether a SEND block or a program sent it, without an exchange."""
+        self.is_foreign = False
+        """Whether an engine of another protocol sent it: every frame may be its reply, and no frame closes it."""
 
 
 class Doubt:
@@ -275,14 +279,34 @@ class LateReplies:
             self.open.clear()
             self.until = self.last = self._service = self.strange_since = 0
 
-    def take_over(self, before: LateReplies) -> None:
-        """Wait for the late replies that the previous engine of the same line waits for; on a stream none can come."""
-        if self._is_stream:
+    def take_over(self, before: LateReplies, *, is_same: bool) -> None:
+        """Wait for the late replies that a previous engine of the same line waits for; on a stream none can come.
+
+        `is_same`: it had the same protocol and role. Else each of its requests is foreign here.
+        """
+        if self._is_stream or before._is_stream or not self.time(self._scope, max(1, before.within)):
             return
-        self.open = list(before.open)
+        added = before.open if is_same else [self._foreign(one) for one in before.open]
+        self.open += [one for one in added if one not in self.open]
+        self.open.sort(key=lambda one: one.at)
+        del self.open[:-MOST_OPEN]
         self.count = max(self.count, before.count)
-        self.until, self.within, self.last = before.until, before.within, before.last
-        self._greatest = dict(before._greatest)
+        self.until, self.last = max(self.until, before.until), max(self.last, before.last)
+        self.within = max(self.within, before.within)
+        for station, (lateness, at) in before._greatest.items():
+            if lateness > self._greatest_of(station):
+                self._greatest[station] = lateness, at
+
+    def _foreign(self, request: OpenRequest) -> OpenRequest:
+        """Return an open request of another protocol as far as it counts here."""
+        made = OpenRequest(None, None, self._scope, request.at, request.within)
+        made.ends, made.number, made.is_foreign = request.ends, request.number, True
+        return made
+
+    def is_over(self, now: int) -> bool:
+        """Return whether no open request, hold or lateness is left for a later engine on the line."""
+        waits = self.until > now or any(one.ends > now for one in self.open)
+        return not waits and all(at + FORGET <= now for _, at in self._greatest.values())
 
     # ---- replies that no row takes ------------------------------------------------------------------------
 
@@ -299,7 +323,7 @@ class LateReplies:
         self.expire()
         if is_awaited and not self.until:
             return None
-        found = next((one for one in self.open if self._is_reply_to(value, one)), None)
+        found = next((one for one in self.open if not one.is_foreign and self._is_reply_to(value, one)), None)
         if value.frame in self.expected.unproven and self.noisy >= (now if found is None else found.at):
             return None
         if found is not None:
@@ -360,8 +384,12 @@ class LateReplies:
         """Drop open requests that no reply is expected for any more."""
         now = self.heard_until
         if self.until <= now and any(one.ends <= now for one in self.open):
-            self.lost += sum(one.ends <= now for one in self.open)
-            self.open = [one for one in self.open if one.ends > now]
+            self._lose([one for one in self.open if one.ends <= now])
+
+    def _lose(self, requests: list[OpenRequest]) -> None:
+        """Drop open requests that no reply came to."""
+        self.lost += sum(not one.is_foreign for one in requests)
+        self.open = [one for one in self.open if one not in requests]
 
     # ---- may a reply be stored? ---------------------------------------------------------------------------
 
@@ -420,7 +448,9 @@ class LateReplies:
         for request, _ in doubt.asks:
             self._add(request)
         for _, at in doubt.asks:
-            fitting = [one for one in self.open if reply is not None and self._is_reply_to(reply, one)]
+            fitting = [
+                one for one in self.open if reply is not None and not one.is_foreign and self._is_reply_to(reply, one)
+            ]
             if fitting:
                 oldest = min(fitting, key=lambda one: one.at)
                 self.open.remove(oldest)
@@ -464,8 +494,7 @@ class LateReplies:
         if end > now:
             self.until = end
             return end
-        self.lost += len(fitting)
-        self.open = [one for one in self.open if one not in fitting]
+        self._lose(fitting)
         run.doubt = None
         return 0
 

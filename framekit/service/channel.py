@@ -28,7 +28,7 @@ from framekit.run.own_memory import AddressedMemory
 from framekit.run.transfer import BlockStarts, BlockTransfers, Ended, Read, neighbours
 from framekit.service.device import DeviceService, ListeningPort, devices_of, port_for
 from framekit.service.driver import Driver, Moment
-from framekit.service.left_lines import ClosingPorts
+from framekit.service.left_lines import ClosingPorts, LeftRequests
 from framekit.service.written import NamedMemory, NamedServer, begun_log, client_of
 from framekit.transport.clock import Clock
 from framekit.transport.port import Port
@@ -166,16 +166,11 @@ class ChannelService:
         self._clock = clock
         self.line = line_of(channel.port)
         """Name of the line that its port leads to."""
+        self.is_on = False
+        """Whether its port is, or should be, open."""
         self.state = "closed"
         if channel.wiring.reconnect is not None:
             self.driver.longest_retry = channel.wiring.reconnect
-
-    def take_line_over(self, before: ChannelService) -> None:
-        """Wait for the late replies of the previous channel, if this channel asks on the same line."""
-        own, other = self.channel, before.channel
-        if own.asks and (own.port, own.protocol.name) == (other.port, other.protocol.name):
-            before.engine.leave_line()
-            self.engine.late.take_over(before.engine.late)
 
     @property
     def _only_shows(self) -> bool:
@@ -215,13 +210,16 @@ class ChannelService:
         )  # fmt: skip
 
     def start(self) -> None:
+        self.is_on = True
         self.driver.start()
 
     def switch_off(self) -> None:
         """Close the port until `start`; running exchanges end as closed."""
+        self.is_on = False
         self.driver.switch_off()
 
     def stop(self) -> None:
+        self.is_on = False
         self.driver.stop()
 
     @property
@@ -334,15 +332,16 @@ Made = tuple[ChannelService, list[DeviceService]]
 class RunChannels:
     """Fills `channels`, by number, and the devices on their lines; reports events to `owner`.
 
-    `moment`: called when the data from a line have been processed.
+    `moment`: called when the data from a line have been processed. `requests`: those of earlier channels on the lines.
     """
 
     def __init__(
         self, channels: dict[int, ChannelService], clock: Clock, access: AddressedMemory, owner: ChannelOwner,
-        monitor: RunMonitor | Tape | None = None, moment: Moment | None = None,
+        monitor: RunMonitor | Tape | None = None, moment: Moment | None = None, requests: LeftRequests | None = None,
     ) -> None:  # fmt: skip
         self._clock = clock
         self._moment = moment
+        self.requests = LeftRequests() if requests is None else requests
         self._access = access
         self._owner = owner
         self._monitor = monitor
@@ -379,14 +378,10 @@ class RunChannels:
             watching(self._monitor, number)(Seen("", "trouble", self._clock.now(), reason=what))
 
     def put(self, number: int, made: Made) -> None:
-        """Register the channel under this number; it continues the counters of the previous channel.
-
-        On the same line it still waits for the late replies that the previous channel waits for.
-        """
+        """Register the channel under this number; it continues the counters of the previous channel."""
         before = self.channels.get(number)
         if before is not None:
             made[0].counters.add(before.counters)
-            made[0].take_line_over(before)
         self.channels[number], self.devices[number] = made
 
     def remove(self, number: int) -> None:
@@ -409,9 +404,17 @@ class RunChannels:
             self.start(number)
 
     def start(self, number: int) -> None:
-        """Open the port of a channel; if a modem still hangs up on its line, after that."""
+        """Open the port of a channel; if a modem still hangs up on its line, after that.
+
+        The channel waits for the late replies that earlier channels on its line wait for.
+        """
         channel = self.channels[number]
-        self.closing.open(channel.line, channel, channel.driver.port, channel.start)
+        self.closing.open(channel.line, channel, channel.driver.port, partial(self._start, channel))
+
+    def _start(self, channel: ChannelService) -> None:
+        if channel.channel.asks and not channel.is_on:
+            self.requests.enter(channel.line, channel.engine, self._clock.now())
+        channel.start()
 
     def switch_off(self, number: int) -> None:
         """Close the port of a channel until `start`; running exchanges end as closed."""
@@ -427,6 +430,8 @@ class RunChannels:
         channel = self.channels[number]
         self.closing.cancel(channel.line, channel)
         close()
+        if channel.channel.asks:
+            self.requests.leave(channel.line, channel.engine, self._clock.now())
         self.closing.add(channel.line, channel.driver.port)
 
 

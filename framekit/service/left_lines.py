@@ -1,4 +1,4 @@
-"""The lines that channels of a run have closed: ports whose modems still hang up.
+"""The lines that channels have closed: requests whose replies may still come, and ports whose modems still hang up.
 
 Lines are known by their names (`line_of`), not by the numbers of channels: an edit may give a line to another channel.
 """
@@ -6,9 +6,62 @@ Lines are known by their names (`line_of`), not by the numbers of channels: an e
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import partial
 
+from framekit.definition.fingerprint import fingerprint
+from framekit.link.engine import Engine
+from framekit.link.late import LateReplies
 from framekit.transport.port import Port
+
+
+@dataclass(slots=True, eq=False)
+class LeftEngine:
+    """An engine whose channel has closed its line."""
+
+    engine: Engine
+    takers: list[LateReplies] = field(default_factory=list)
+    """Those of the engines that have used the line since, and know its open requests."""
+
+    def is_like(self, engine: Engine) -> bool:
+        """Return whether another engine has the same protocol and role, so that it understands the requests."""
+        mine = self.engine
+        return mine.role == engine.role and (
+            mine.protocol is engine.protocol or fingerprint(mine.protocol) == fingerprint(engine.protocol)
+        )
+
+
+class LeftRequests:
+    """The open requests of channels that have closed their lines: the next channel on the line waits for them too.
+
+    Runs in sequence, in the same process, may share it.
+    """
+
+    def __init__(self) -> None:
+        self._left: dict[str, list[LeftEngine]] = {}
+        """By line the engines whose requests may still be answered."""
+
+    def leave(self, line: str, engine: Engine, now: int) -> None:
+        """Keep the open requests of an engine that asks, as its channel closes the line."""
+        left = self._left.pop(line, [])
+        if all(one.engine is not engine for one in left):
+            engine.leave_line(now)
+            left.append(LeftEngine(engine))
+        # what a taker does not wait for any more, it has received
+        self._keep(line, [one for one in left if engine.late not in one.takers], now)
+
+    def enter(self, line: str, engine: Engine, now: int) -> None:
+        """Pass the open requests of a line to the engine whose channel opens it."""
+        left = [one for one in self._left.pop(line, ()) if one.engine is not engine]
+        for one in left:
+            if engine.late not in one.takers and not one.engine.late.is_over(now):
+                engine.late.take_over(one.engine.late, is_same=one.is_like(engine))
+                one.takers.append(engine.late)
+        self._keep(line, left, now)
+
+    def _keep(self, line: str, left: list[LeftEngine], now: int) -> None:
+        if kept := [one for one in left if not one.engine.late.is_over(now)]:
+            self._left[line] = kept
 
 
 class ClosingPorts:

@@ -128,6 +128,8 @@ OnChannel = Callable[[int, ChannelService], None]
 class RunService(ChannelOwner):
     """Executes a run. `resolve` finds hosts that jobs name; default: the system's resolver.
 
+    `after`: an earlier run, ended, on the same clock; late replies to its requests are late here too.
+
     Raises DefinitionError for a wrong device file, ValueError for a port of no known kind.
     """
 
@@ -138,6 +140,7 @@ class RunService(ChannelOwner):
         monitor: RunMonitor | Tape | None = None,
         on_end: OnEnd | None = None,
         resolve: ResolveHost | None = None,
+        after: RunService | None = None,
     ) -> None:
         self.run = run
         self.clock = clock
@@ -160,7 +163,9 @@ class RunService(ChannelOwner):
         for state in self.states.values():
             self.block_memory.add(state, protocol_of(run, state.block))
         self.jobs: JobService | None = None
-        self.lines = lines = RunChannels(self.channels, clock, self.access, self, monitor, self.loop)
+        requests = None if after is None else after.lines.requests
+        lines = RunChannels(self.channels, clock, self.access, self, monitor, self.loop, requests)
+        self.lines: RunChannels = lines
         self.devices_on = lines.devices
         for number in run.channels:
             lines.put(number, lines.of_run(run, number))

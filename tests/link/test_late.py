@@ -585,3 +585,67 @@ def test_a_late_second_frame_of_a_reply_is_not_that_of_the_next_request(later: i
             side.come(accepted)
             side.reply(-1)
     assert side.values[1] in ([22], "late_replies")
+
+
+SWAPPED = REGISTERS.replace(
+    "{field: station, type: u8}, {field: code, type: u8}", "{field: code, type: u8}, {field: station, type: u8}"
+).replace("where: {code: 1}", "where: {code: 3}")
+"""Another protocol: a reply of station 3 with the code 1 is there a reply of station 1 with the code 3."""
+
+
+def line_of_another_protocol(text: str) -> tuple[Side, Side]:
+    """Return the side whose request is open, and the side of another protocol that uses the line after it."""
+    before, side = Side(retries=0), Side(text, retries=0)
+    before.read("R1", 11)
+    before.until(1200 * MS)
+    assert before.values == ["no_reply"]
+    side.engine.late.take_over(before.engine.late, is_same=False)
+    side.until(1200 * MS)
+    return before, side
+
+
+def test_a_reply_to_a_request_of_another_protocol_is_not_stored() -> None:
+    before, side = line_of_another_protocol(SWAPPED)
+    side.do(side.client.read("R2", station=1, now=side.now, on_done=side.results.append).commands)
+    side.until(1900 * MS)
+    assert side.sent == [], "the hold of the line before"
+    side.until(2000 * MS)
+    assert len(side.sent) == 1
+    side.come(before.replies[0])
+    assert side.values == []
+    side.until(2200 * MS)
+    assert len(side.sent) == 2, "asked again"
+
+
+def test_a_late_reply_to_an_own_request_is_none_to_that_of_another_protocol() -> None:
+    before, side = line_of_another_protocol(REGISTERS.replace("values", "words"))
+    side.read("R2", 22)
+    side.until(3500 * MS)
+    assert side.values == ["no_reply"]
+    side.reply(0)
+    assert side.late == 1
+    side.read("R3", 33)
+    side.until(5500 * MS)
+    assert len(side.sent) == 2
+    side.come(before.replies[0])
+    side.until(5700 * MS)
+    assert side.values == ["no_reply"] and len(side.sent) == 3
+    side.reply(2)
+    side.until(side.now + SECOND)
+    assert side.values == ["no_reply"] and len(side.sent) == 4
+    side.reply(3)
+    assert side.values == ["no_reply", [33]]
+
+
+def test_what_a_later_side_of_the_line_takes_over() -> None:
+    before, side = Side(retries=0), Side(retries=0)
+    before.read("R1", 11)
+    before.until(1200 * MS)
+    assert not before.engine.late.is_over(1999 * MS) and not before.engine.late.is_over(20 * SECOND)
+    assert before.engine.late.is_over(23 * SECOND), "21 time limits after the request"
+    for _ in range(2):
+        side.engine.late.take_over(before.engine.late, is_same=True)
+    assert len(side.engine.late.open) == 1
+    off = Side(retries=0, late_reply=0)
+    off.engine.late.take_over(before.engine.late, is_same=True)
+    assert off.engine.late.open == []
