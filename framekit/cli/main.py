@@ -23,7 +23,14 @@ READS_ITSELF = ("check", "test", "completion", "record", "loopback", "points", "
 
 
 def fit_output() -> None:
-    """Make every text printable: as UTF-8 in pipes of Windows, with escapes in the user's encoding elsewhere."""
+    """Make every text printable: as UTF-8 in pipes of Windows, with escapes in the user's encoding elsewhere.
+
+    A stream that the caller has closed (`>&-`) is replaced by one that discards every text.
+    """
+    if sys.stdout is None:
+        sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 (for the rest of the process)
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
         if not isinstance(stream, io.TextIOWrapper) or stream.encoding.lower().replace("-", "") == "utf8":
             continue

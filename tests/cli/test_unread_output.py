@@ -45,3 +45,20 @@ def test_nobody_reads_any_more(tmp_path: Path, words: list[str]) -> None:
         process.stdout.readline()
         process.stdout.close()
         assert process.wait(60) == 1 and process.stderr.read() == ""
+
+
+def test_closed_streams_take_no_text_and_stop_nothing(tmp_path: Path) -> None:
+    """As a daemon starts a program: `>&- 2>&-`."""
+    (tmp_path / "far.device.yaml").write_text(DEVICE, encoding="utf-8")
+    (tmp_path / "unread.run.yaml").write_text(RUN, encoding="utf-8")
+    words = f"{sys.executable} -m framekit.cli.main run unread.run.yaml --virtual --for 1s --capture seen.jsonl"
+    done = subprocess.run(["sh", "-c", f"{words} >&- 2>&-"], cwd=tmp_path, timeout=60)
+    assert done.returncode == 0
+    assert (tmp_path / "seen.jsonl").read_text("utf-8").count("\n") > 300
+    closed = subprocess.run(
+        ["sh", "-c", f"{words.replace('--capture seen.jsonl', '')} >&-"],
+        cwd=tmp_path,
+        timeout=60,
+        stderr=subprocess.PIPE,
+    )
+    assert (closed.returncode, closed.stderr) == (0, b"")
