@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TextIO, TypeVar
 
-from framekit.cli.terminal import unguarded
+from framekit.cli.terminal import discard_unwritten, unguarded
 
 if TYPE_CHECKING:
     import asyncio
@@ -149,10 +149,40 @@ def why_not(error: OSError, file: Path | None = None) -> str:
 
 
 def tell_error(arguments: argparse.Namespace, kind: str, message: str, **more: object) -> None:
-    """Print an error message on standard error; with `--json` also as an object on standard output."""
+    """Print an error message on standard error; with `--json` also as an object on standard output.
+
+    Raise no error if a stream cannot be written.
+    """
     if getattr(arguments, "json", False):
-        print_json({"error": kind, "message": message, **more})
-    print(f"{painted(f'framekit {arguments.verb}', 'red', sys.stderr)}: {message}", file=sys.stderr)
+        print_error_data({"error": kind, "message": message, **more})
+    with contextlib.suppress(OSError):
+        print(f"{painted(f'framekit {arguments.verb}', 'red', sys.stderr)}: {message}", file=sys.stderr)
+
+
+def print_error_data(data: dict[str, object]) -> None:
+    """Print an error as a JSON object; leave it out if standard output cannot be written."""
+    try:
+        print_json(data)
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except OSError:
+        discard_unwritten()
+
+
+def print_failure(error: OSError) -> None:
+    """Print a system error that no verb has caught."""
+    with contextlib.suppress(OSError):
+        print(f"{painted('framekit', 'red', sys.stderr)}: {why_output_failed(error)}", file=sys.stderr)
+
+
+def why_output_failed(error: OSError) -> str:
+    """Return the reason of a system error; without a file name it is an error of standard output."""
+    return f"{OUTPUT}: {why_not(error)} – {OUTPUT_HELP}" if error.filename is None else why_not(error)
+
+
+OUTPUT = "standard output"
+OUTPUT_HELP = "make room there, or send the output to another place"
+"""The name of the stream, and what to do if it cannot be written."""
 
 
 def print_trouble(report: TroubleReport) -> None:
@@ -164,13 +194,14 @@ def print_trouble(report: TroubleReport) -> None:
 
 
 def tell_problems(arguments: argparse.Namespace, problems: Sequence[Problem]) -> int:
-    """Print problems of files in the same way; return the exit status."""
+    """Print problems of files as `tell_error` does; return the exit status."""
     wrong = [problem for problem in problems if not problem.warning]
     if getattr(arguments, "json", False):
         shown = [problem_data(problem) for problem in problems]
-        print_json({"error": "definition", "message": told((wrong or problems)[0]), "problems": shown})
-    for problem in problems:
-        print(told(problem) if problem.at.line else f"framekit {arguments.verb}: {told(problem)}", file=sys.stderr)
+        print_error_data({"error": "definition", "message": told((wrong or problems)[0]), "problems": shown})
+    with contextlib.suppress(OSError):
+        for problem in problems:
+            print(told(problem) if problem.at.line else f"framekit {arguments.verb}: {told(problem)}", file=sys.stderr)
     return status_of(problems)
 
 

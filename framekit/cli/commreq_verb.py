@@ -279,7 +279,7 @@ def carry_out_jobs(
         settings.station_for(None)
         with live_output(arguments.json) as live:
             status = asyncio.run(JobCommands(application, profile, settings, arguments, live).carry_out(records))
-            return live.report_losses() or status
+            return live.report_losses(status)
     except FramekitError as error:
         return failed(arguments, error)
 

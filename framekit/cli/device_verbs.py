@@ -193,7 +193,7 @@ def run_read(arguments: argparse.Namespace) -> int:
                     status = once(client, arguments)
 
         status = carry_out(arguments, repeat, check=check) or status
-        return live.report_losses() or status
+        return live.report_losses(status)
 
 
 def cycle(every: str, times: int | None, ended: threading.Event) -> Iterator[None]:

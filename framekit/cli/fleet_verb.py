@@ -96,7 +96,7 @@ def run_fleet(arguments: argparse.Namespace) -> int:
             live.on_gone(lambda: changed.put(""))
             with until_stopped(), live.may_drop():
                 watch(fleet, arguments, changed, duration, live)
-            return live.report_losses()
+            return live.report_losses(0)
 
 
 def refuse_useless(arguments: argparse.Namespace) -> None:

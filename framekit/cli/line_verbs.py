@@ -159,7 +159,7 @@ async def _listen(
     printer.summary(monitor)
     for trouble in monitor.lost:
         print(trouble, file=sys.stderr)
-    return live.report_losses() or (1 if monitor.lost else 0)
+    return live.report_losses(1 if monitor.lost else 0)
 
 
 def monitor_of(

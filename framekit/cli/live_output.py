@@ -3,11 +3,12 @@
 While the context `live_output` lasts, `print` puts whole lines into a queue for each stream, and a thread writes them.
 While `LiveOutput.may_drop` lasts, the queue is bounded: when it is full, whole lines are dropped and counted, and the
 loss is reported as a trouble, and by a line in the output once it is read again. Outside of it every line is kept. At
-the end the context waits until all lines are written.
+the end the context waits until all lines are written; lines that cannot be written then are counted and reported.
 """
 
 from __future__ import annotations
 
+import codecs
 import io
 import os
 import select
@@ -19,7 +20,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING, Any, Protocol, TextIO
 
-from framekit.cli.common import VerbError, json_line, print_trouble
+from framekit.cli.common import OUTPUT, OUTPUT_HELP, VerbError, json_line, print_trouble
 from framekit.cli.terminal import GuardedTerminal, harmless, unguarded
 from framekit.definition.problems import plural
 
@@ -27,16 +28,18 @@ if TYPE_CHECKING:
     from framekit.api.trouble import Count, Troubles, TroubleSource
 
 MOST_WAITING = 4 << 20
-"""Number of waiting bytes at which a queue is full; it takes lines again when half of them are written."""
+"""Number of waiting bytes at which a queue is full; it takes lines again when half of them are written. An unfinished
+line with more characters is queued in parts.
+"""
 AT_ONCE = 1 << 16
 """Largest number of bytes of one write."""
 RETRY = 1.0
 """Seconds between two attempts to write to a stream that fails, such as a file on a full disk."""
 
-OUTPUT = "standard output"
-UNREAD = "nobody reads it"
+ERRORS = "standard error"
+UNREAD = "its reader does not read"
 GONE = "its reader has gone"
-"""The name of the first stream, and reasons of the trouble of a stream."""
+"""The name of the second stream, and reasons of the trouble of a stream."""
 
 
 class MakeSource(Protocol):
@@ -64,11 +67,15 @@ class QueuedStream:
         """Whether the reader has closed its end; then lines are discarded."""
         self.error = ""
         """Reason of the last failed write; empty after a successful one."""
+        self.unwritten = 0
+        """Lines that waited at the end and could not be written."""
+        self.help = "read it"
+        """What the user can do when the queue is full."""
         self._loss_line, self._on_gone = loss_line, on_gone
         self._encoded, self._write = _functions_of(stream)
         self._change = threading.Condition()
         self._queue: deque[bytes] = deque()
-        self._begun: dict[int, str] = {}
+        self._begun: dict[int, io.StringIO] = {}
         """The begin of an unfinished line, by the thread that writes it."""
         self._waiting = self._waiting_lines = 0
         """Bytes and lines that are not written yet."""
@@ -87,10 +94,15 @@ class QueuedStream:
         lines, first_dropped = "", None
         with self._change:
             if not (is_over := self._closed):
-                lines, newline, rest = (self._begun.pop(thread, "") + text).rpartition("\n")
+                lines, newline, rest = text.rpartition("\n")
                 lines += newline
+                if lines and (begun := self._begun.pop(thread, None)) is not None:
+                    lines = begun.getvalue() + lines
                 if rest:
-                    self._begun[thread] = rest
+                    begun = self._begun.setdefault(thread, io.StringIO())
+                    begun.write(rest)
+                    if begun.tell() > MOST_WAITING:
+                        lines += self._begun.pop(thread).getvalue()
                 if lines:
                     first_dropped = self._take(lines)
         if is_over:
@@ -162,7 +174,9 @@ class QueuedStream:
                 self._end_loss()
 
     def _effect(self) -> str:
-        return "lines are lost until it is read" if self._is_full else "" if self.gone else "lines wait"
+        if self._is_full:
+            return f"lines are lost until it is read: {self.help}"
+        return "" if self.gone else "lines wait"
 
     def _is_unread(self, source: TroubleSource) -> None:
         """Report that the queue is full."""
@@ -180,21 +194,33 @@ class QueuedStream:
     # ---- the writer thread --------------------------------------------------------------------------------
 
     def _run(self) -> None:
-        while True:
-            with self._change:
-                self._change.wait_for(lambda: self._queue or self._ending)
-                if not self._queue:
-                    break
-                data = self._queue.popleft()
-                while self._queue and len(data) + len(self._queue[0]) <= AT_ONCE:
-                    data += self._queue.popleft()
-            try:
-                self._write_all(memoryview(data))
-            except (BrokenPipeError, ValueError):  # ValueError: the program has closed it
-                self._has_gone()
+        try:
+            while data := self._next():
+                try:
+                    self._write_all(memoryview(data))
+                except BrokenPipeError:
+                    self._has_gone()
+                except ValueError:
+                    if not self.stream.closed:
+                        raise
+                    self._has_gone()
+        finally:
+            with self._change:  # also after an error: `close` waits for it
+                self._closed = True
+                self._change.notify_all()
+
+    def _next(self) -> bytes:
+        """Wait for lines and return them. At the end return none: from then on texts go to the stream itself."""
         with self._change:
-            self._closed = True
-            self._change.notify_all()
+            self._change.wait_for(lambda: self._queue or self._ending)
+            if not self._queue:
+                self._closed = True
+                self._change.notify_all()
+                return b""
+            data = self._queue.popleft()
+            while self._queue and len(data) + len(self._queue[0]) <= AT_ONCE:
+                data += self._queue.popleft()
+            return data
 
     def _write_all(self, data: memoryview) -> None:
         """Write bytes, after failures again and again; give up if it fails at the end. Raise BrokenPipeError."""
@@ -213,7 +239,8 @@ class QueuedStream:
     def _has_written(self, data: memoryview) -> None:
         """Count written bytes, and end the trouble if the queue has room again."""
         with self._change:
-            self.error = ""
+            if not self.unwritten:
+                self.error = ""
             self._waiting -= len(data)
             self._waiting_lines -= bytes(data).count(b"\n")
             if self._is_full and self._waiting <= MOST_WAITING // 2:
@@ -229,6 +256,7 @@ class QueuedStream:
             source = self._source
             if self._ending:
                 self._lost += self._waiting_lines
+                self.unwritten += max(1, self._waiting_lines)  # an unfinished line counts
                 self._forget()
                 return False
         if source is not None:
@@ -257,7 +285,7 @@ class QueuedStream:
         with self._change:
             if not self.gone:
                 for begun in self._begun.values():
-                    self._put(self._encoded(begun))
+                    self._put(self._encoded(begun.getvalue()))
             self._begun.clear()
             self._ending = True
             self._change.notify_all()
@@ -275,17 +303,28 @@ def _functions_of(stream: TextIO) -> tuple[Callable[[str], bytes], Callable[[mem
     """
     shown = harmless if isinstance(stream, GuardedTerminal) else str
     text: TextIO = unguarded(stream)
+    encoding = getattr(text, "encoding", None) or "utf-8"
     buffer = getattr(text, "buffer", None)
     file = getattr(buffer, "raw", buffer)
+
+    def encoded(lines: str) -> bytes:
+        return shown(lines).encode(encoding, "backslashreplace")
+
     if sys.platform == "win32" or not isinstance(text, io.TextIOWrapper) or not isinstance(file, io.RawIOBase):
+        decoder = codecs.getincrementaldecoder(encoding)()  # the data may end inside a character
 
         def write_text(data: memoryview) -> int:
-            text.write(bytes(data).decode("utf-8", "surrogatepass"))
-            text.flush()
+            before = decoder.getstate()
+            try:
+                text.write(decoder.decode(bytes(data)))
+                text.flush()
+            except OSError:  # the same data come again
+                decoder.setstate(before)
+                raise
             return len(data)
 
-        return (lambda lines: shown(lines).encode("utf-8", "surrogatepass")), write_text
-    encoding, raw = text.encoding, file
+        return encoded, write_text
+    raw = file
 
     def write(data: memoryview) -> int:
         number = raw.write(data)
@@ -293,13 +332,13 @@ def _functions_of(stream: TextIO) -> tuple[Callable[[str], bytes], Callable[[mem
             select.select([], [raw], [], RETRY)
         return number or 0
 
-    return (lambda lines: shown(lines).encode(encoding, "backslashreplace")), write
+    return encoded, write
 
 
 class LiveOutput:
     """Both streams of a verb at work; a single queue for both if they lead to the same terminal, pipe or file."""
 
-    def __init__(self, as_json: bool) -> None:
+    def __init__(self, as_json: bool, has_quiet: bool) -> None:
         self.output = self.errors = None
         if sys.stdout is not None:
             loss_line = _loss_data if as_json else _loss_text
@@ -308,8 +347,12 @@ class LiveOutput:
             if self.output is not None and _is_same(sys.stdout, sys.stderr):
                 self.errors = self.output
             else:
-                self.errors = QueuedStream(sys.stderr, "standard error", _loss_text, None)
+                self.errors = QueuedStream(sys.stderr, ERRORS, _loss_text, None)
         self.streams = [one for one in dict.fromkeys((self.output, self.errors)) if one is not None]
+        if has_quiet and self.output is not None:
+            self.output.help = "read it, or start with --quiet"
+        self.status = 0
+        """Exit status of the verb."""
         self._lock = threading.Lock()
         self._stops: list[Callable[[], object]] = []
         self._troubles: Troubles | None = None
@@ -361,12 +404,16 @@ class LiveOutput:
                 stack.enter_context(stream.may_drop(make))
             yield
 
-    def report_losses(self) -> int:
-        """Print the losses since `may_drop` that belong to no run on standard error; return the exit status."""
+    def report_losses(self, status: int) -> int:
+        """Print the losses since `may_drop` that belong to no run on standard error.
+
+        Return the exit status of the verb: `status`, or 1 instead of 0 if there are losses.
+        """
         lost = [] if self._troubles is None else [one for one in self._troubles.present() if one.lost]
         for trouble in lost:
             print(trouble, file=sys.stderr)
-        return 1 if lost else 0
+        self.status = status or (1 if lost else 0)
+        return self.status
 
     def check(self) -> None:
         """Raise BrokenPipeError if the reader of standard output has gone."""
@@ -392,15 +439,24 @@ def _is_same(output: Any, errors: Any) -> bool:
         return False
 
 
-@contextmanager
-def live_output(as_json: bool) -> Iterator[LiveOutput]:
-    """Queue what is printed while the context lasts; wait at its end until all of it is written.
+class _UnwrittenError(VerbError):
+    """Raised if lines could not be written at the end. An exit status that the verb has reported stays."""
 
-    Raise BrokenPipeError if the reader of standard output has gone, VerbError if standard output could not be written.
-    `as_json`: whether the lines of standard output are JSON objects.
+    def __init__(self, message: str, status: int) -> None:
+        super().__init__(message)
+        self.status = status or VerbError.status
+
+
+@contextmanager
+def live_output(as_json: bool, *, has_quiet: bool = False) -> Iterator[LiveOutput]:
+    """Queue printed lines while the context lasts; wait at its end until all of them are written.
+
+    Raise BrokenPipeError if the reader of standard output has gone, VerbError if lines of a stream could not be
+    written. `as_json`: whether the lines of standard output are JSON objects. `has_quiet`: whether the verb has the
+    option `--quiet`.
     """
     before = sys.stdout, sys.stderr
-    live = LiveOutput(as_json)
+    live = LiveOutput(as_json, has_quiet)
     streams: tuple[Any, Any] = live.output, live.errors
     sys.stdout, sys.stderr = streams
     try:
@@ -412,5 +468,10 @@ def live_output(as_json: bool) -> Iterator[LiveOutput]:
         finally:
             sys.stdout, sys.stderr = before
     live.check()
-    if live.output is not None and live.output.error:
-        raise VerbError(f"{live.output.name}: {live.output.error}")
+    if failed := [one for one in live.streams if one.unwritten]:
+        messages = [f"{one.name}: {one.error}, {_last(one.unwritten)} lost – {OUTPUT_HELP}" for one in failed]
+        raise _UnwrittenError("; ".join(messages), live.status)
+
+
+def _last(number: int) -> str:
+    return "the last line was" if number == 1 else f"the last {plural(number, 'line')} were"

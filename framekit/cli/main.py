@@ -1,7 +1,7 @@
 """`framekit VERB …`: find the verb, run it, and turn errors into a message and an exit status, never a traceback.
 
-0: success. 1: the object of the command is wrong, or the command failed. 2: the command line is wrong. 3: no reply, or
-no port.
+0: success. 1: the object of the command is wrong, the command failed, or its output could not be written. 2: the
+command line is wrong. 3: no reply, or no port.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if folders["--root"]:
         os.environ[ROOT_VARIABLE] = folders["--root"][-1]
     try:
-        return _main(words)
+        return _written(words)
     finally:
         for name, value in before.items():
             if value is not None:
@@ -70,6 +70,30 @@ def _folders(words: list[str]) -> tuple[dict[str, list[str]], list[str]]:
         folders[option].append(folder if equals else words.pop(1))
         del words[0]
     return folders, words
+
+
+def _written(words: list[str]) -> int:
+    """Carry out the words and write their output to the end; return the exit status, never 0 if the output failed."""
+    status = 0
+    try:
+        try:
+            status = _main(words)
+        except SystemExit as end:  # of the parser
+            status = end.code if isinstance(end.code, int) else 1
+            raise
+        finally:
+            for stream in (sys.stdout, sys.stderr):
+                if stream is not None and not stream.closed:
+                    stream.flush()
+    except OSError as error:
+        from framekit.cli.common import print_failure
+        from framekit.cli.terminal import discard_unwritten
+
+        discard_unwritten()
+        if not isinstance(error, BrokenPipeError):  # the reader of a pipe may leave early, as `head` does
+            print_failure(error)
+        return status or 1
+    return status
 
 
 def _main(words: list[str]) -> int:
@@ -98,9 +122,6 @@ def _verb(words: list[str]) -> int:
         return _run(parsed)
     except KeyboardInterrupt:
         return 130
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
     except VerbError as failure:
         tell_error(parsed, failure.kind, str(failure))
         return failure.status

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
 from framekit import __version__
-from framekit.cli.common import WordsError, print_json
+from framekit.cli.common import WordsError, print_error_data
 from framekit.definition import PATH_VARIABLE, ROOT_VARIABLE
 
 VERBS = {
@@ -109,8 +109,16 @@ class Parser(argparse.ArgumentParser):
             near = _near(match["word"], re.findall(r"[^\s',]+", match["choices"]))
             message += f" – {near}" if near else ""
         if self.tells_json:
-            print_json({"error": WordsError.kind, "message": message})
+            print_error_data({"error": WordsError.kind, "message": message})
         super().error(message)
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        """Print help or an error message. Unlike argparse, raise OSError if standard output cannot be written."""
+        try:
+            print(message, end="", file=file)
+        except OSError:
+            if file is not sys.stderr:
+                raise
 
     def refuse(self, unknown: Sequence[str]) -> NoReturn:
         """End with a message about words that the parser does not know."""

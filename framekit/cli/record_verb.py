@@ -63,7 +63,7 @@ def add_record_arguments(parser: argparse.ArgumentParser) -> None:
 def run_record(arguments: argparse.Namespace) -> int:
     _check(arguments)
     duration = duration_of(arguments.duration)
-    with live_output(arguments.json) as live:
+    with live_output(arguments.json, has_quiet=True) as live:
         begin_log(arguments.log)
         try:
             return asyncio.run(_run(arguments, duration, live))
@@ -170,7 +170,7 @@ async def _record(
     _summary(arguments, recorder)
     for problem in recorder.problems:
         _say(problem)
-    return live.report_losses() or (1 if recorder.problems else 0)
+    return live.report_losses(1 if recorder.problems else 0)
 
 
 def _drop_empty(path: Path | None, recorder: Recorder) -> None:

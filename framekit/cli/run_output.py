@@ -27,8 +27,18 @@ from framekit.api.rows import (
     sink_row,
     trouble_row,
 )
-from framekit.cli.common import ARROWS, json_line, plain, print_trouble, seen_data, seen_text, table, tables, told
-from framekit.cli.live_output import OUTPUT
+from framekit.cli.common import (
+    ARROWS,
+    OUTPUT,
+    json_line,
+    plain,
+    print_trouble,
+    seen_data,
+    seen_text,
+    table,
+    tables,
+    told,
+)
 from framekit.codec.shown import shown
 from framekit.definition.problems import plural
 from framekit.definition.times import format_time, milliseconds

@@ -28,6 +28,7 @@ from framekit.cli.common import (
     told_once,
     until,
     why_not,
+    why_output_failed,
     without_collecting,
 )
 from framekit.cli.live_output import LiveOutput, live_output
@@ -84,8 +85,9 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
 def run_run(arguments: argparse.Namespace) -> int:
     if arguments.virtual or arguments.screen:
         return _run(arguments, None)
-    with live_output(arguments.json) as live:
-        return _run(arguments, live)
+    with live_output(arguments.json, has_quiet=True) as live:
+        live.status = _run(arguments, live)
+        return live.status
 
 
 def _run(arguments: argparse.Namespace, live: LiveOutput | None) -> int:
@@ -148,7 +150,7 @@ def _run(arguments: argparse.Namespace, live: LiveOutput | None) -> int:
     except BrokenPipeError:
         raise
     except OSError as error:
-        raise VerbError(why_not(error)) from None
+        raise VerbError(why_output_failed(error) if live is None else why_not(error)) from None
     if ended.problems:
         return 1
     if ended.never_open:

@@ -101,7 +101,7 @@ def add_serve_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_serve(arguments: argparse.Namespace) -> int:
     if not arguments.screen:
-        with live_output(arguments.json) as live:
+        with live_output(arguments.json, has_quiet=True) as live:
             return _run(arguments, live)
     return _run(arguments, None)
 
@@ -183,7 +183,7 @@ async def _serve(
         server.close_now()
     for trouble in server.lost:
         output.warning(trouble)
-    return live.report_losses() or (1 if server.lost else 0)
+    return live.report_losses(1 if server.lost else 0)
 
 
 async def _open(server: AsyncServer) -> None:

@@ -8,6 +8,7 @@ bidirectional marks and other invisible characters as escapes (`\\x1b`). Pipes a
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 import sys
 from collections.abc import Iterator
@@ -64,6 +65,21 @@ def guarded_terminals() -> Iterator[None]:
         yield
     finally:
         sys.stdout, sys.stderr = before
+
+
+def discard_unwritten() -> None:
+    """Discard buffered text of standard streams that cannot be written: the end of the program would write it again."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            if stream is not None and not stream.closed:
+                stream.flush()
+        except OSError:
+            with contextlib.suppress(OSError):  # a stream without a file
+                null = os.open(os.devnull, os.O_WRONLY)
+                try:
+                    os.dup2(null, stream.fileno())
+                finally:
+                    os.close(null)
 
 
 def _guarded(stream: Any) -> Any:

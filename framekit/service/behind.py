@@ -9,14 +9,27 @@ from collections.abc import Callable
 class Behind:
     """Passes records to `write`, in order, in a thread of its own; about `most` bytes may wait.
 
-    `write` handles its failures. If it raises an error all the same, later records are refused.
+    `write` handles its failures. If it raises an error all the same, `has_failed` is called in the thread with the
+    error and the number of records that are not written, and later records are refused.
     """
 
-    def __init__(self, write: Callable[[bytes], object], most: int, name: str) -> None:
+    def __init__(
+        self,
+        write: Callable[[bytes], object],
+        most: int,
+        name: str,
+        has_failed: Callable[[BaseException, int], object],
+    ) -> None:
+        self.failed = False
+        """Whether an error has ended the thread and is reported."""
         self._write = write
+        self._has_failed = has_failed
         self._most = most
         self._records: list[bytes] = []
+        self._in_write = 0
+        """Number of records that the thread is writing."""
         self._waiting = 0
+        """Bytes of records that are not written yet."""
         self._ended = False
         self._change = threading.Condition()
         self._thread = threading.Thread(target=self._run, daemon=True, name=name)
@@ -44,10 +57,14 @@ class Behind:
     def _run(self) -> None:
         try:
             self._write_records()
-        finally:
+        except BaseException as error:
             with self._change:
                 self._ended = True
                 self._change.notify_all()
+                number = self._in_write + len(self._records)
+            self._has_failed(error, number)
+            self.failed = True
+            raise
 
     def _write_records(self) -> None:
         """Write records until the end."""
@@ -58,7 +75,7 @@ class Behind:
                 records, self._records = self._records, []
             if not records:
                 return
-            data = b"".join(records)
+            data, self._in_write = b"".join(records), len(records)
             self._write(data)
             with self._change:
                 self._waiting -= len(data)

@@ -336,6 +336,11 @@ class _Sink:
             self._write(record)
         return True
 
+    def has_failed(self, error: BaseException, number: int) -> None:
+        """Report an error of the thread that writes; `number` records are not written."""
+        self.trouble.begins(f"{type(error).__name__}: {error}")
+        self._lost += number
+
     def _write(self, record: bytes) -> None:
         try:
             written = self._file.write(record)
@@ -364,9 +369,11 @@ class _LaterSink:
         """Create the file, and begin to write it in a thread. Raise OSError."""
         self.path = path
         self._sink = _Sink(path, head, troubles)
-        self._behind = Behind(self._sink.write, MOST_WAITING, f"writes {path}")
+        self._behind = Behind(self._sink.write, MOST_WAITING, f"writes {path}", self._sink.has_failed)
 
     def write(self, record: bytes, *, wait: bool = False) -> bool:
+        if self._behind.failed:
+            return self._sink.write(record)  # which counts it as lost
         return self._behind.write(record, wait=wait)
 
     def close(self) -> None:

@@ -23,7 +23,7 @@ import pytest
 from framekit.api.trouble import Troubles
 from framekit.cli import live_output as live_output_module
 from framekit.cli.common import VerbError
-from framekit.cli.live_output import UNREAD, live_output
+from framekit.cli.live_output import UNREAD, QueuedStream, live_output
 from framekit.cli.main import main
 from framekit.cli.terminal import guarded_terminals
 from framekit.transport.pty_port import PtyPair
@@ -32,6 +32,8 @@ LONGEST = 180
 """Seconds after which a condition is given up."""
 SET_PIPE_SIZE, SMALLEST_PIPE = 1031, 4096
 """The call of Linux that sets the size of a pipe, and the smallest size."""
+UNTIL = "lines are lost until it is read: read it, or start with --quiet"
+"""The effect of a full queue in a verb with this option."""
 ROOM = 20_000
 """Size of the queue in these tests."""
 
@@ -66,9 +68,10 @@ class Pipe:
 
     def rest(self) -> list[str]:
         """Read to the end, with the stream closed."""
-        while data := os.read(self.reader, 1 << 16):
-            self._text += data.decode()
-        return self._text.splitlines()
+        data = b""
+        while part := os.read(self.reader, 1 << 16):
+            data += part
+        return (self._text + data.decode(self.stream.encoding)).splitlines()
 
 
 @pytest.fixture
@@ -137,12 +140,12 @@ def test_a_full_queue_loses_whole_lines_and_reports_it(pipes: Callable[[], tuple
             show("the last of the run")
         show("the summary")
     lines = reader.at_end()
-    assert reports[0] == "begins: standard output: nobody reads it – lines are lost until it is read"
+    assert reports[0] == "begins: standard output: its reader does not read – lines are lost until it is read: read it"
     assert reports[1].startswith("ends: standard output: works again after ")
     assert reports[1].endswith(", 101 lines were lost")
     place = printed - 101 - 2
     loss = {"event": "lost_lines", "count": 101, "reason": UNREAD}
-    assert lines[place] == (json.dumps(loss) if as_json else "(101 lines were lost here: nobody reads it)")
+    assert lines[place] == (json.dumps(loss) if as_json else "(101 lines were lost here: its reader does not read)")
     assert lines[:place] == [f"{number} a line of text" for number in range(place)]
     assert lines[place + 1 :] == [f"{printed - 2} the last of the run", f"{printed - 1} the summary"]
 
@@ -154,15 +157,15 @@ def test_a_queue_that_is_still_full_at_the_end_has_room_for_the_summary(pipes: C
             for number in range(2000):
                 print(number, "x" * 100)
         print("the summary")
-        status = live.report_losses()
+        status = live.report_losses(0)
         reader, error_reader = Reader(output), Reader(errors)
     lines, told = reader.at_end(), error_reader.at_end()
     kept = len(lines) - 2
     assert lines[:kept] == [f"{number} {'x' * 100}" for number in range(kept)] and kept < 1000
-    assert lines[kept:] == [f"({2000 - kept} lines were lost here: nobody reads it)", "the summary"]
+    assert lines[kept:] == [f"({2000 - kept} lines were lost here: its reader does not read)", "the summary"]
     assert told == [
-        "standard output: nobody reads it – lines are lost until it is read",
-        f"standard output: nobody reads it, {2000 - kept} lines were lost",
+        "standard output: its reader does not read – lines are lost until it is read: read it",
+        f"standard output: its reader does not read, {2000 - kept} lines were lost",
     ]
     assert status == 1
 
@@ -184,11 +187,11 @@ def test_standard_error_that_is_not_read_loses_lines_too(pipes: Callable[[], tup
                 print(number, "x" * 100, file=sys.stderr)
             print("goes on")
             assert output.line() == "goes on"
-        assert live.report_losses() == 1
+        assert live.report_losses(0) == 1
         reader = Reader(errors)
     lines = reader.at_end()
-    assert lines[-2].endswith(" lines were lost here: nobody reads it)")
-    assert lines[-1].startswith("standard error: nobody reads it, ")
+    assert lines[-2].endswith(" lines were lost here: its reader does not read)")
+    assert lines[-1].startswith("standard error: its reader does not read, ")
 
 
 def test_a_reader_that_has_gone_ends_the_verb_without_a_word(pipes: Callable[[], tuple[Pipe, Pipe]]) -> None:
@@ -266,9 +269,147 @@ def test_a_disk_that_stays_full_ends_with_an_error(
     pipes()
     disk = Disk()
     monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(io.BufferedWriter(disk), encoding="utf-8"))
-    with pytest.raises(VerbError, match="standard output: No space left on device"), live_output(False):
+    message = "standard output: No space left on device, the last 2 lines were lost – make room there, or send"
+    with pytest.raises(VerbError, match=message) as failure, live_output(False):
         print("one\ntwo\nthree\nfour")
+    assert failure.value.status == 1
     assert bytes(disk.data) == b"one\ntwo\nth"
+
+
+def test_standard_error_on_a_full_disk_ends_with_an_error_too(
+    pipes: Callable[[], tuple[Pipe, Pipe]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pipes()
+    disk = Disk()
+    monkeypatch.setattr(sys, "stderr", io.TextIOWrapper(io.BufferedWriter(disk), encoding="utf-8"))
+    message = "standard error: No space left on device, the last line was lost"
+    with pytest.raises(VerbError, match=message) as failure, live_output(False):
+        print("0123456789", file=sys.stderr)
+    assert failure.value.status == 1
+    assert bytes(disk.data) == b"0123456789"
+
+
+def test_a_status_that_the_verb_has_reported_stays(
+    pipes: Callable[[], tuple[Pipe, Pipe]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pipes()
+    disk = Disk()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(io.BufferedWriter(disk), encoding="utf-8"))
+    with pytest.raises(VerbError) as failure, live_output(False) as live:
+        with live.may_drop():
+            print("one\ntwo\nthree\nfour")
+        assert live.report_losses(3) == 3
+    assert failure.value.status == 3
+
+
+def test_lost_lines_change_the_status_0_only(pipes: Callable[[], tuple[Pipe, Pipe]]) -> None:
+    output, errors = pipes()
+    with live_output(False) as live:
+        with live.may_drop():
+            for number in range(2000):
+                print(number, "x" * 100)
+        assert (live.report_losses(0), live.report_losses(3)) == (1, 3)
+        reader, error_reader = Reader(output), Reader(errors)
+    reader.at_end()
+    assert len([line for line in error_reader.at_end() if "lines were lost" in line]) == 2
+
+
+class FirstLockAtTheEnd(threading.Condition):
+    """A condition that lets another thread write between the last lines of a queue and its end."""
+
+    def __init__(self, thread_name: str) -> None:
+        super().__init__()
+        self.write: Callable[[], object] | None = None
+        """Writes as another thread would, when the writer thread next takes the lock without a line to write."""
+        self.is_empty: Callable[[], bool] = lambda: False
+        self._thread_name = thread_name
+
+    def __enter__(self) -> bool:
+        write = self.write
+        if write is not None and threading.current_thread().name == self._thread_name and self.is_empty():
+            self.write = None
+            write()
+        return super().__enter__()
+
+
+def test_a_line_that_is_written_while_the_stream_closes_is_kept(pipes: Callable[[], tuple[Pipe, Pipe]]) -> None:
+    output, _ = pipes()
+    stream = QueuedStream(output.stream, "output", lambda number, reason: "", None)
+    change = FirstLockAtTheEnd("writes output")
+    stream._change = change
+    stream.write("one\n")
+    assert output.line() == "one"
+    change.is_empty = lambda: stream._ending and not stream._queue
+    change.write = lambda: stream.write("two\n")
+    reader = Reader(output)
+    stream.close()
+    if change.write is not None:
+        change.write()
+    assert reader.at_end() == ["two"]
+
+
+@pytest.fixture
+def decoded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Write decoded text to the streams, as on Windows."""
+    monkeypatch.setattr(live_output_module.sys, "platform", "win32")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "cp1252"])
+@pytest.mark.parametrize("is_decoded", [False, True])
+def test_characters_that_the_encoding_lacks_become_escapes(
+    pipes: Callable[[], tuple[Pipe, Pipe]], request: pytest.FixtureRequest, encoding: str, is_decoded: bool
+) -> None:
+    output, _ = pipes()
+    output.stream.reconfigure(encoding=encoding)
+    if is_decoded:
+        request.getfixturevalue("decoded")
+    stream = QueuedStream(output.stream, "output", lambda number, reason: "", None)
+    reader = Reader(output)
+    stream.write("caf\udce9 \u20ac\n")
+    stream.write("next\n")
+    stream.close()
+    assert not stream.gone
+    data = reader.at_end()
+    assert data[1] == "next" and data[0].startswith("caf\\udce9 ")
+
+
+def test_a_text_longer_than_a_write_is_decoded_whole(pipes: Callable[[], tuple[Pipe, Pipe]], decoded: None) -> None:
+    output, _ = pipes()
+    stream = QueuedStream(output.stream, "output", lambda number, reason: "", None)
+    reader = Reader(output)
+    text = "x" + "\u20ac" * 100_000
+    stream.write(f"{text}\n")
+    stream.close()
+    assert reader.at_end() == [text] and not stream.gone
+
+
+def test_an_unfinished_line_is_bounded(pipes: Callable[[], tuple[Pipe, Pipe]]) -> None:
+    output, _ = pipes()
+    stream = QueuedStream(output.stream, "output", lambda number, reason: "", None)
+    reader = Reader(output)
+    for _ in range(100):
+        stream.write("x" * 1000)
+        assert sum(begun.tell() for begun in stream._begun.values()) <= ROOM
+    stream.write("\nnext\n")
+    stream.close()
+    assert reader.at_end() == ["x" * 100_000, "next"]
+
+
+def test_an_error_of_the_writer_thread_does_not_stop_the_end(
+    pipes: Callable[[], tuple[Pipe, Pipe]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    output, _ = pipes()
+    errors: list[object] = []
+    monkeypatch.setattr(threading, "excepthook", lambda hook: errors.append(hook.exc_type))
+    stream = QueuedStream(output.stream, "output", lambda number, reason: "", None)
+
+    def fail(data: memoryview) -> int:
+        raise ValueError("of another kind")
+
+    stream._write = fail
+    stream.write("one\n")
+    stream.close()
+    assert errors == [ValueError] and not stream.gone
 
 
 def test_a_terminal_is_guarded_and_has_both_streams_in_order(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -361,7 +502,7 @@ def test_a_run_goes_on_while_its_output_is_not_read(tmp_path: Path) -> None:
     with started(tmp_path, "run", "unread.run.yaml", "--json") as process:
         assert process.stdout is not None and process.stderr is not None
         told = process.stderr.readline()
-        assert told == "standard output: nobody reads it – lines are lost until it is read\n"
+        assert told == f"standard output: {UNREAD} – {UNTIL}\n"
         go_on(tmp_path / "level.csv")
         lines = []
         while not lines or lines[-1]["event"] != "lost_lines":
@@ -412,7 +553,7 @@ def test_readings_go_on_while_standard_error_is_not_read(tmp_path: Path) -> None
         reader.start()
         *_, loss, _ = lines = process.stderr.read().splitlines()
         reader.join()
-        assert len(lines) < 1000 and loss.endswith(" lines were lost here: nobody reads it)")
+        assert len(lines) < 1000 and loss.endswith(" lines were lost here: its reader does not read)")
         assert process.wait(LONGEST) == 1
 
 
@@ -443,7 +584,7 @@ def test_a_device_answers_while_its_output_is_not_read(tmp_path: Path) -> None:
         assert any(line.startswith("station") for line in lines[place_of_loss:]), "the summary"
         assert process.wait(LONGEST) == 1
         told = process.stderr.read().splitlines()
-        assert told[0] == "standard output: nobody reads it – lines are lost until it is read"
+        assert told[0] == f"standard output: {UNREAD} – {UNTIL}"
         assert f"{lost} lines were lost" in told[-1]
 
 

@@ -269,6 +269,27 @@ def test_a_full_disk_is_told(tmp_path: Path) -> None:
     assert len(bench.recorder.problems) == 1 and bench.recorder.problems[0].endswith("1 record was lost")
 
 
+def test_an_error_of_the_thread_that_writes_is_a_trouble_of_the_capture(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    raised: list[object] = []
+    monkeypatch.setattr(threading, "excepthook", lambda hook: raised.append(hook.exc_type))
+    bench = Bench(path := tmp_path / "x.jsonl")
+    reports: list[str] = []
+    bench.recorder.watch_troubles(lambda report: reports.append(report.text))
+    later = next(iter(bench.recorder._capture._sinks.values()))  # type: ignore[union-attr]
+    later._sink._file.write = None  # type: ignore[union-attr]
+    bench.wires[0].hear(ASK)
+    later._behind._thread.join(60)  # type: ignore[union-attr]
+    bench.wires[0].hear(ASK)
+    bench.recorder.stop()
+    assert reports == [f"capture {path}: TypeError: 'NoneType' object is not callable – the capture ends here"]
+    (problem,) = bench.recorder.problems
+    assert problem.startswith(f"capture {path}: TypeError: 'NoneType' object is not callable, ")
+    assert problem.endswith(" records were lost")
+    assert raised == [TypeError]
+
+
 def test_what_waits_for_a_slow_writer_is_bounded() -> None:
     go_on, written = threading.Event(), bytearray()
 
@@ -276,7 +297,7 @@ def test_what_waits_for_a_slow_writer_is_bounded() -> None:
         go_on.wait()
         written.extend(data)
 
-    behind = Behind(write, 100, "test")
+    behind = Behind(write, 100, "test", lambda error, number: None)
     taken = [behind.write(bytes([number]) * 10) for number in range(40)]
     assert 10 <= taken.count(True) <= 20 and taken == sorted(taken, reverse=True)
     go_on.set()
