@@ -601,7 +601,9 @@ def test_a_line_is_heard_while_the_output_is_not_read(tmp_path: Path, words: Seq
         until((tmp_path / "heard.jsonl").exists)
         line = os.open(pair.second, os.O_RDWR | os.O_NOCTTY)
         try:
+            end = time.monotonic() + LONGEST
             while not size(tmp_path / "heard.jsonl") > 20 * ROOM:
+                assert time.monotonic() < end and process.poll() is None, "the line is not heard"
                 os.write(line, bytes.fromhex("01 03 00 00 00 0A C5 CD"))
                 time.sleep(0.001)
         finally:
