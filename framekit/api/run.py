@@ -528,7 +528,10 @@ def view_of(run: RunCalls, log: FrameLog) -> LiveView:
 
 
 async def leave(service: RunService) -> None:
-    """End a run in good order: open sessions are closed, for 5 s at most, then the ports."""
+    """End a run in good order: open sessions are closed, for 5 s at most, then the ports.
+
+    It returns when the modems have hung up, after two minutes at most.
+    """
     left = asyncio.Event()
     service.finish(left.set)
     await left.wait()
@@ -585,7 +588,7 @@ class Run(RunCalls, Stopping):
     def stop(self) -> None:
         """Stop: no further block starts; open sessions are closed, for 5 s at most, then the ports.
 
-        Stopping twice has no effect.
+        It returns when the modems have hung up, after two minutes at most. Stopping twice has no effect.
         """
         self._end()
 
@@ -691,13 +694,17 @@ class AsyncRun(RunCalls):
         self._begin()
 
     def stop(self) -> None:
-        """Stop: no further block starts; ports are closed at once, even during exchanges."""
+        """Stop: no further block starts; ports are closed at once, even during exchanges.
+
+        Modems hang up as long as the loop runs.
+        """
         self._finish()
 
     async def finish(self) -> None:
         """Stop: no further block starts; open sessions are closed, for 5 s at most, then the ports.
 
-        `async with` does so.
+        It returns when the modems have hung up, after two minutes at most. `async with` does so. After a cancellation
+        call `stop`, which waits for no modem.
         """
         if self.running:
             await leave(self._service)

@@ -214,14 +214,16 @@ class RealRun:
         self._arguments = arguments
         self._make_output, self._output, self._live = make_output, output, live
         self._ended = asyncio.Event()
+        self._ended_at_once = asyncio.Event()
+        """Set by a signal after the event `_ended`."""
         self._gateway: Gateway | None = None
         self._run: AsyncRun | None = None
         self._left: int | None = None
         """Remaining duration (ns); None: until it is ended."""
 
     async def carry_out(self, loaded: RunModel, duration: int | None) -> Ended:
-        """Run until the time is over, or SIGINT or SIGTERM arrives."""
-        on_stop(self._ended.set)
+        """Run until the time is over, or SIGINT or SIGTERM arrives; a second signal ends sessions and hanging up."""
+        on_stop(self._is_signalled)
         if self._arguments.control:
             self._read_control()
         self._live.stops(self._ended.set)
@@ -294,10 +296,29 @@ class RealRun:
                         watching.cancel()
                     if not self._live.gone:
                         self.watch.at_end()
-                    await run.finish()
+                    await self._finish(run)
         if self._left is not None:
             self._left = max(0, self._left - round((loop.time() - began) * 1e9))
         return Ended([], []) if self._live.gone else _summary(run, output)
+
+    def _is_signalled(self) -> None:
+        if self._ended.is_set():
+            self._ended_at_once.set()
+        self._ended.set()
+
+    async def _finish(self, run: AsyncRun) -> None:
+        """End the run in good order; a signal after the end has begun stops it at once."""
+        finishing = asyncio.ensure_future(run.finish())
+        signalled = asyncio.ensure_future(self._ended_at_once.wait())
+        await asyncio.wait([finishing, signalled], return_when=asyncio.FIRST_COMPLETED)
+        signalled.cancel()
+        if finishing.done():
+            await finishing
+            return
+        finishing.cancel()
+        run.stop()
+        problem = "ended by a second signal: sessions may be open, and modems may hold the line"
+        print(f"framekit run: {problem}", file=sys.stderr)
 
     def _read_control(self) -> None:
         """Begin to read control lines; the end of the input ends the control, not the run."""

@@ -142,7 +142,7 @@ class Dialling:
     pause: int = 10_000_000_000
     """Shortest time between the end of a call and the next call (ns)."""
     rest: int = 600_000_000_000
-    """Time without calls after the last of the `retries` (ns)."""
+    """Time without calls after the last of the `retries` has failed (ns)."""
 
     @property
     def command(self) -> str:

@@ -8,7 +8,7 @@ from typing import get_args
 
 from framekit.definition.load.reader import Reader
 from framekit.definition.nodes import Mapping, Node
-from framekit.definition.times import NEVER, Dialling, HangUp, Modem
+from framekit.definition.times import NEVER, Dialling, HangUp, Modem, readable_time
 from framekit.transport.schemes import scheme_of
 
 OF_DIALLING = ("extension", "connect_within", "retries", "pause", "rest")
@@ -16,8 +16,12 @@ OF_DIALLING = ("extension", "connect_within", "retries", "pause", "rest")
 OF_CALLS = ("dial", "answer", "hang_up", "guard")
 """Keys that only matter for a modem with calls."""
 
-LONGEST_NUMBER = 60
-"""Characters of `dial` and of `extension` that a modem surely takes (V.250 asks for 40 or more in a command line)."""
+LONGEST_COMMAND = 60
+"""Most characters of a dial command with its `AT`. V.250 only asks modems for 40; a modem refuses more by ERROR."""
+LONGEST_WITHIN = 30_000_000_000
+"""Longest `within` (ns): a run does not end before its modems have replied to hanging up."""
+LONGEST_GUARD = 10_000_000_000
+"""Longest `guard` (ns); register S12 of V.250 modems ends at 5.1 s."""
 MOST_RETRIES = 1000
 
 _SEPARATORS = str.maketrans("", "", " -./()")
@@ -25,11 +29,14 @@ _NUMBER = re.compile(r"[TP]?[0-9A-D*#+,W@!]+")
 _EXTENSION = re.compile(r"[0-9A-D*#,W@!]+")
 
 
-def read_limit(reader: Reader, key: str, node: Node) -> int:
-    """Return a time limit in ns; it is longer than 0 and ends. Raise Broken."""
+def read_limit(reader: Reader, key: str, node: Node, longest: int = NEVER) -> int:
+    """Return a time limit in ns; it is longer than 0, ends, and is not over `longest`. Raise Broken."""
     time = reader.time(node)
     if not 0 < time < NEVER:
         raise reader.broken(node.at, f"'{reader.text(node)}' is no {key}", "give a time such as 500 ms")
+    if time > longest:
+        todo = f"give {readable_time(longest)} or less"
+        raise reader.broken(node.at, f"'{reader.text(node)}' is too long for {key}", todo)
     return time
 
 
@@ -42,8 +49,8 @@ def read_modem(reader: Reader, node: Node, port: str) -> Modem | None:
     is_dedicated = kind == "dedicated"
     _conflicts(reader, node, is_dedicated, port)
     init = reader.tried(partial(_init, reader), node.get("init"))
-    within = reader.tried(partial(read_limit, reader, "within"), node.get("within"))
-    guard = reader.tried(partial(read_limit, reader, "guard"), node.get("guard"))
+    within = reader.tried(partial(read_limit, reader, "within", longest=LONGEST_WITHIN), node.get("within"))
+    guard = reader.tried(partial(read_limit, reader, "guard", longest=LONGEST_GUARD), node.get("guard"))
     rings = reader.tried(partial(_rings, reader), node.get("answer"))
     dialling = None if is_dedicated else reader.tried(partial(_dialling, reader, node), node.get("dial"))
     answers = not is_dedicated and node.get("dial") is None
@@ -99,10 +106,9 @@ def _rings(reader: Reader, node: Node) -> int:
 def _hang_up(reader: Reader, keys: Mapping, usual: Modem) -> HangUp:
     """Return the way of hanging up; the schema has reported other words."""
     node = keys.get("hang_up")
-    for word in get_args(HangUp):
-        if node is not None and reader.text(node) == word:
-            return word  # type: ignore[no-any-return]  # a word of the Literal
-    return usual.hang_up
+    words: tuple[HangUp, ...] = get_args(HangUp)
+    text = usual.hang_up if node is None else reader.text(node)
+    return next((word for word in words if word == text), usual.hang_up)
 
 
 def _dialling(reader: Reader, keys: Mapping, node: Node) -> Dialling | None:
@@ -114,12 +120,16 @@ def _dialling(reader: Reader, keys: Mapping, node: Node) -> Dialling | None:
     }
     retries = reader.tried(partial(_retries, reader), keys.get("retries"))
     extension = reader.tried(partial(_digits, reader, "extension", _EXTENSION), keys.get("extension"))
-    return Dialling(
+    dialling = Dialling(
         number=_digits(reader, "number", _NUMBER, node),
         extension=extension or "",
         retries=usual.retries if retries is None else retries,
         **times,
     )
+    if len(dialling.command) > LONGEST_COMMAND:
+        what = f"the dial command {dialling.command} has {len(dialling.command)} characters"
+        raise reader.broken(node.at, what, f"modems take {LONGEST_COMMAND} at most: shorten dial or extension")
+    return dialling
 
 
 def _retries(reader: Reader, node: Node) -> int:
@@ -136,8 +146,4 @@ def _digits(reader: Reader, name: str, form: re.Pattern[str], node: Node) -> str
     if form.fullmatch(digits) is None or not any(digit.isalnum() for digit in digits):
         todo = "digits, * # A B C D, a comma for a pause, W, @ and ! of the modem; T or P first for tones or pulses"
         raise reader.broken(node.at, f"'{text}' is no {name} to dial", f"write {todo}")
-    if len(digits) > LONGEST_NUMBER:
-        raise reader.broken(
-            node.at, f"this {name} has {len(digits)} characters", f"modems take {LONGEST_NUMBER} at most"
-        )
     return digits

@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import logging
 import os
+import signal
+import sys
 from itertools import chain
 from pathlib import Path
 
@@ -272,6 +274,47 @@ def test_a_run_that_ends_while_it_dials_cancels_the_call(tmp_path: Path) -> None
             while not phone.modem.dialled:
                 await asyncio.sleep(0)
         assert not phone.modem.is_calling and "ATH" not in phone.modem.commands
+        phone.close()
+
+    run_real(check())
+
+
+def test_a_second_signal_ends_a_run_whose_modem_does_not_hang_up(tmp_path: Path) -> None:
+    async def check() -> None:
+        phone = Telephone("CONNECT", has_echo=True, has_words=True)
+        cable, heard = phone.cable, bytearray()
+        asked, escaped = asyncio.Event(), asyncio.Event()
+
+        def answer(data: bytes) -> bytes:
+            reply = phone.pump(data)
+            if reply:
+                phone.loop.call_soon(asked.set)
+            return reply
+
+        def hear() -> None:
+            heard.extend(os.read(cable.fileno(), 1024))
+            if heard.endswith(b"+++"):
+                escaped.set()
+
+        phone.modem.answer = answer
+        path = tmp_path / "pump-house.run.yaml"
+        path.write_text(made_quick(EXAMPLE, cable.path).replace("guard: ", "within: 30 s, guard: "), "utf-8")
+        process = await asyncio.create_subprocess_exec(
+            sys.executable, "-m", "framekit", "run", str(path), "--quiet",
+            stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
+        )  # fmt: skip
+        await asked.wait()
+        phone.loop.remove_reader(cable.fileno())
+        phone.loop.add_reader(cable.fileno(), hear)
+        process.send_signal(signal.SIGINT)
+        await escaped.wait()
+        process.send_signal(signal.SIGINT)
+        output, errors = await process.communicate()
+        assert errors.decode() == (
+            "framekit run: ended by a second signal: sessions may be open, and modems may hold the line\n"
+        )
+        assert process.returncode == 0 and b"READ 40001" in output, output
+        assert heard.endswith(b"+++"), "it has not waited for a reply to the escape sequence"
         phone.close()
 
     run_real(check())
