@@ -75,7 +75,7 @@ class LoopThread:
             if self.is_here:
                 raise RuntimeError("a callback cannot wait for its own loop – use the async API there")
             self._schedule(begin)
-        except RuntimeError:
+        except (RuntimeError, KeyboardInterrupt):
             coroutine.close()
             raise
         try:

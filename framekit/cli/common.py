@@ -10,6 +10,7 @@ import signal
 import sys
 import threading
 import time
+import warnings
 from collections.abc import Callable, Coroutine, Iterable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
@@ -399,8 +400,8 @@ def until_stopped() -> Iterator[None]:
     before = {number: signal.signal(number, signal.default_int_handler) for number in numbers}
     try:
         yield
-    except KeyboardInterrupt:
-        pass
+    except KeyboardInterrupt:  # perhaps between making a coroutine and awaiting it
+        warnings.filterwarnings("ignore", "coroutine .* was never awaited", RuntimeWarning)
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
