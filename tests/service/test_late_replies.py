@@ -251,20 +251,6 @@ def test_a_write_is_sent_once_where_retries_are_0(name: str, retries: int, sent:
     assert world.clock.now() > 20 * SECOND if retries == 0 else world.clock.now() < 12 * SECOND
 
 
-@pytest.mark.parametrize(("name", "frame"), [("snp-x", "x_write"), ("ccm", "header"), ("ccm-peer", "header")])
-def test_a_write_is_sent_once_where_the_protocol_has_no_retries(name: str, frame: str) -> None:
-    """Neither the definition nor the user allows a second one."""
-    world = LateWorld(name, FaultRule(kind="no_reply", begin=2 * SECOND, end=6 * SECOND), watched=True)
-    assert world.exchange() == "ok"
-    world.clock.run_until(3 * SECOND)
-    world.write(5)
-    world.clock.run_until(7 * SECOND)
-    for value in (7, 8):
-        world.seen.clear()
-        assert world.write(value).ok
-        assert [one.frame for one in world.seen if one.direction == "out"].count(frame) == 1
-
-
 SLOW_PROCEDURES = {"snp": (2, 55), "snp-x": (2.5, 50), "ccm": (0.8, 16), "ccm-peer": (0.8, 16)}
 """The time limit of a reply, and the greatest lateness (s).
 

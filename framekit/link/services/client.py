@@ -464,14 +464,14 @@ class Transfer(Exchange):
                 self._go(self._engine.scope.now)
 
     def may_repeat(self) -> bool:
-        """Return whether the present exchange only reads, or `retries` allows repeats.
+        """Return whether the present exchange only reads, or `retries` is not 0.
 
-        Without this parameter neither the definition nor the user allows that something is written twice.
+        Protocols without this parameter repeat writes, too: their procedures send a block until it is acknowledged.
         """
         if self._plan.exchanges[self._next - 1].row.reads:
             return True
         retries = self.params["retries"] if "retries" in self.params else self._engine.scope.get("retries")
-        return bool(retries)
+        return bool(retries != 0)
 
     def suspected(self, results: dict[str, Any]) -> None:
         """Have it proved that the reply is no echo of the request, then read it."""
