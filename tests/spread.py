@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from typing import Any
 
@@ -14,10 +15,17 @@ LARGE = {"df1", "pccc", "snp", "srtp"}
 """Protocols that take seconds to load and compile: the short tests of services have them."""
 
 
-def spread(cases: Iterable[Any], every: int, first: int = 0) -> list[Any]:
-    """For `parametrize`: one case in `every` is short, from `first` on; the others are long, and so are large ones."""
+WHOLE = "FRAMEKIT_WHOLE" in os.environ
+"""Whether the long tests try all cases of the largest matrices (minutes to hours); else they try a part of them."""
+
+
+def spread(cases: Iterable[Any], every: int, first: int = 0, part: int = 1) -> list[Any]:
+    """For `parametrize`: one case in `every` is short, from `first` on; the others are long, and so are large ones.
+
+    Of a matrix too large for the long tests one case in `part` is tried, unless the whole is asked for.
+    """
     found, short = [], first
-    for place, case in enumerate(cases):
+    for place, case in enumerate([*cases][:: 1 if WHOLE else part]):
         values = case if isinstance(case, tuple) else (case,)
         is_short = place >= short and not any(isinstance(value, str) and value in LARGE for value in values)
         if is_short:

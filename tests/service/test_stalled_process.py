@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 from service.late_world import LINES, MS, SECOND, LateWorld, OverlappingPort
 from service.stalled_process import Plan, StalledClock, StalledPort, once
-from spread import spread
+from spread import WHOLE, spread
 
 from framekit.link.services.client import TransferResult
 from framekit.run.model import Channel, FaultRule
@@ -76,7 +76,9 @@ def check(
 CASES = list(product(NAMES, LATE, (0, 2), (False, True), STALLS, (False, True), ROOMS))
 
 
-@pytest.mark.parametrize(("name", "late", "retries", "is_network", "stall", "reads_first", "room"), spread(CASES, 36))
+@pytest.mark.parametrize(
+    ("name", "late", "retries", "is_network", "stall", "reads_first", "room"), spread(CASES, 4, part=19)
+)
 def test_a_stall_stores_nothing_wrong(
     name: str, late: float, retries: int, is_network: bool, stall: float, reads_first: bool, room: int
 ) -> None:
@@ -88,8 +90,8 @@ def test_a_stall_stores_nothing_wrong(
 @pytest.mark.long
 @pytest.mark.parametrize(("name", "is_network"), list(product(NAMES, (False, True))))
 def test_no_stall_in_any_phase_stores_anything_wrong(name: str, is_network: bool) -> None:
-    """Each third phase, in each case other phases; each phase if `FRAMEKIT_EXCHANGES` is set."""
-    step = 1 if "FRAMEKIT_EXCHANGES" in os.environ else 3
+    """Each 19th phase, in each case other phases; each phase if the whole is asked for."""
+    step = 1 if WHOLE else 19
     for case, (late, retries, stall, reads_first) in enumerate(product(LATE, (0, 2), STALLS, (False, True))):
         room = ROOMS[case % 4 % 3]
         for number in range(1 + case % step, interactions(name, late, retries, is_network, room), step):
@@ -302,7 +304,7 @@ def stalled_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[...
 RUNS = list(product(NAMES, (1.5, 6.5, 20), (0, 2), (False, True), STALLS))
 
 
-@pytest.mark.parametrize(("name", "late", "retries", "is_network", "stall"), spread(RUNS, 8))
+@pytest.mark.parametrize(("name", "late", "retries", "is_network", "stall"), spread(RUNS, 4, part=11))
 def test_blocks_points_jobs_and_reads_store_nothing_wrong(
     stalled_run: Callable[..., StalledRun], name: str, late: float, retries: int, is_network: bool, stall: float
 ) -> None:
@@ -325,6 +327,7 @@ def check_runs(
 
 
 @pytest.mark.long
+@pytest.mark.skipif(not WHOLE, reason="hours: set FRAMEKIT_WHOLE")
 @pytest.mark.parametrize("name", NAMES)
 def test_no_stall_of_a_run_stores_anything_wrong(stalled_run: Callable[..., StalledRun], name: str) -> None:
     for late, retries, is_network, stall in product((1.5, 6.5, 20), (0, 2), (False, True), STALLS):
