@@ -298,7 +298,12 @@ def test_a_second_signal_ends_a_run_whose_modem_does_not_hang_up(tmp_path: Path)
 
         phone.modem.answer = answer
         path = tmp_path / "pump-house.run.yaml"
-        path.write_text(made_quick(EXAMPLE, cable.path).replace("guard: ", "within: 30 s, guard: "), "utf-8")
+        path.write_text(
+            made_quick(EXAMPLE, cable.path)
+            .replace("guard: ", "within: 30 s, guard: ")
+            .replace("every: 1 min", "every: 1 s"),
+            "utf-8",
+        )
         process = await asyncio.create_subprocess_exec(
             sys.executable, "-m", "framekit", "run", str(path), "--quiet",
             stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
