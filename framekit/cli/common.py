@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import errno
 import gc
 import os
 import signal
@@ -164,8 +165,7 @@ def print_error_data(data: dict[str, object]) -> None:
     """Print an error as a JSON object; leave it out if standard output cannot be written."""
     try:
         print_json(data)
-        if sys.stdout is not None:
-            sys.stdout.flush()
+        sys.stdout.flush()
     except OSError:
         discard_unwritten()
 
@@ -177,10 +177,13 @@ def print_failure(error: OSError) -> None:
 
 
 def why_output_failed(error: OSError) -> str:
-    """Return the reason of a system error; without a file name it is an error of standard output."""
-    return f"{OUTPUT}: {why_not(error)} – {OUTPUT_HELP}" if error.filename is None else why_not(error)
+    """Return the reason of a system error; if a disk has no room, and no file is named, it is standard output's."""
+    is_output = error.filename is None and error.errno in OUTPUT_ERRORS
+    return f"{OUTPUT}: {why_not(error)} – {OUTPUT_HELP}" if is_output else why_not(error)
 
 
+OUTPUT_ERRORS = frozenset((errno.ENOSPC, errno.EFBIG, errno.EIO, getattr(errno, "EDQUOT", errno.ENOSPC)))
+"""Numbers of system errors that a write to a file raises, and a connection does not."""
 OUTPUT = "standard output"
 OUTPUT_HELP = "make room there, or send the output to another place"
 """The name of the stream, and what to do if it cannot be written."""

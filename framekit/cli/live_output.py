@@ -305,12 +305,12 @@ def _functions_of(stream: TextIO) -> tuple[Callable[[str], bytes], Callable[[mem
     text: TextIO = unguarded(stream)
     encoding = getattr(text, "encoding", None) or "utf-8"
     buffer = getattr(text, "buffer", None)
-    file = getattr(buffer, "raw", buffer)
+    raw = getattr(buffer, "raw", buffer)
 
     def encoded(lines: str) -> bytes:
         return shown(lines).encode(encoding, "backslashreplace")
 
-    if sys.platform == "win32" or not isinstance(text, io.TextIOWrapper) or not isinstance(file, io.RawIOBase):
+    if sys.platform == "win32" or not isinstance(text, io.TextIOWrapper) or not isinstance(raw, io.RawIOBase):
         decoder = codecs.getincrementaldecoder(encoding)()  # the data may end inside a character
 
         def write_text(data: memoryview) -> int:
@@ -324,7 +324,6 @@ def _functions_of(stream: TextIO) -> tuple[Callable[[str], bytes], Callable[[mem
             return len(data)
 
         return encoded, write_text
-    raw = file
 
     def write(data: memoryview) -> int:
         number = raw.write(data)
@@ -339,17 +338,12 @@ class LiveOutput:
     """Both streams of a verb at work; a single queue for both if they lead to the same terminal, pipe or file."""
 
     def __init__(self, as_json: bool, has_quiet: bool) -> None:
-        self.output = self.errors = None
-        if sys.stdout is not None:
-            loss_line = _loss_data if as_json else _loss_text
-            self.output = QueuedStream(sys.stdout, OUTPUT, loss_line, self._has_gone)
-        if sys.stderr is not None:
-            if self.output is not None and _is_same(sys.stdout, sys.stderr):
-                self.errors = self.output
-            else:
-                self.errors = QueuedStream(sys.stderr, ERRORS, _loss_text, None)
-        self.streams = [one for one in dict.fromkeys((self.output, self.errors)) if one is not None]
-        if has_quiet and self.output is not None:
+        loss_line = _loss_data if as_json else _loss_text
+        self.output = self.errors = QueuedStream(sys.stdout, OUTPUT, loss_line, self._has_gone)
+        if not _is_same(sys.stdout, sys.stderr):
+            self.errors = QueuedStream(sys.stderr, ERRORS, _loss_text, None)
+        self.streams = list(dict.fromkeys((self.output, self.errors)))
+        if has_quiet:
             self.output.help = "read it, or start with --quiet"
         self.status = 0
         """Exit status of the verb."""
@@ -360,7 +354,7 @@ class LiveOutput:
     @property
     def gone(self) -> bool:
         """Return whether the reader of standard output has gone."""
-        return self.output is not None and self.output.gone
+        return self.output.gone
 
     def on_gone(self, stop: Callable[[], object]) -> None:
         """Call `stop` when the reader of standard output has gone, in the writer thread."""

@@ -83,7 +83,7 @@ def _written(words: list[str]) -> int:
             raise
         finally:
             for stream in (sys.stdout, sys.stderr):
-                if stream is not None and not stream.closed:
+                if not stream.closed:
                     stream.flush()
     except OSError as error:
         from framekit.cli.common import print_failure

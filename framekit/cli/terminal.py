@@ -71,7 +71,7 @@ def discard_unwritten() -> None:
     """Discard buffered text of standard streams that cannot be written: the end of the program would write it again."""
     for stream in (sys.stdout, sys.stderr):
         try:
-            if stream is not None and not stream.closed:
+            if not stream.closed:
                 stream.flush()
         except OSError:
             with contextlib.suppress(OSError):  # a stream without a file
@@ -83,5 +83,4 @@ def discard_unwritten() -> None:
 
 
 def _guarded(stream: Any) -> Any:
-    is_terminal = stream is not None and stream.isatty()
-    return GuardedTerminal(stream) if is_terminal and not isinstance(stream, GuardedTerminal) else stream
+    return GuardedTerminal(stream) if stream.isatty() and not isinstance(stream, GuardedTerminal) else stream

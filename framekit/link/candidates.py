@@ -32,31 +32,32 @@ class Group:
         first = self.infos[0]
         self.name = first.name
         """The name of the first frame: the key under which the progress of measuring is remembered."""
-        self.sizes = None if first.sizes is NO_SIZES else first.sizes
+        self.sizes: SizesByByte | None = None if first.sizes is NO_SIZES else first.sizes
         """The sizes by one byte; None if they do not depend on one byte: then only `measure` determines the size."""
         self.extent, self.measure = first.extent, first.measure
         self.may_fit = any_intact(self.infos)
         """A quick look that is false for bytes that are no good frame of the group."""
 
-    def size(self, buffer: bytes | bytearray, place: int, end: int, quiet: int, lost: int) -> int | None:
-        """Return the result of measuring `buffer[place:end]` if the table of sizes determines it."""
-        if self.sizes is None:
+
+def size_by_byte(
+    table: SizesByByte, buffer: bytes | bytearray, place: int, end: int, quiet: int, lost: int
+) -> int | None:
+    """Return the result of measuring `buffer[place:end]` if the table of sizes determines it."""
+    at, sizes, counted, most = table
+    at += place
+    size = sizes[buffer[at]] if at < end else None
+    if not size:
+        return size
+    if size < 0:
+        return quiet if end - place <= -size else lost
+    more = counted[buffer[at]]
+    if more:
+        if place + more >= end:
             return None
-        at, sizes, counted, most = self.sizes
-        at += place
-        size = sizes[buffer[at]] if at < end else None
-        if not size:
-            return size
-        if size < 0:
-            return quiet if end - place <= -size else lost
-        more = counted[buffer[at]]
-        if more:
-            if place + more >= end:
-                return None
-            size += buffer[place + more]
-        if size > most:
-            return None
-        return size if place + size <= end else end - place - size
+        size += buffer[place + more]
+    if size > most:
+        return None
+    return size if place + size <= end else end - place - size
 
 
 def _grouped(infos: Infos) -> tuple[Group, ...]:

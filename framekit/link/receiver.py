@@ -18,7 +18,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived, Noise
 from framekit.link.bad_frames import BadFrames, Trouble
-from framekit.link.candidates import Candidates, ExpectedFrames, Group, Levels, in_order
+from framekit.link.candidates import Candidates, ExpectedFrames, Group, Levels, in_order, size_by_byte
 from framekit.link.events import CharacterFault
 from framekit.link.frame_table import FrameInfo, FrameTable, ProtocolCodec, table_of
 from framekit.link.inside import InsideFinder
@@ -608,7 +608,7 @@ class Receiver:
             return False
         try:
             for group in here.groups:
-                size = None if group.sizes is None else group.size(buffer, place, end, quiet, lost)
+                size = None if group.sizes is None else size_by_byte(group.sizes, buffer, place, end, quiet, lost)
                 if size is None:
                     size = group.extent(buffer, place, end, self._names)
                 if size > 0:
@@ -636,7 +636,9 @@ class Receiver:
         try:
             if seen is not None:
                 return group.measure(buffer, place, end, self._names, seen.get(group.name, UNSEEN)[1])
-            size = None if group.sizes is None else group.size(buffer, place, end, self._quiet, self._lost)
+            size = (
+                None if group.sizes is None else size_by_byte(group.sizes, buffer, place, end, self._quiet, self._lost)
+            )
             return group.measure(buffer, place, end, self._names, 0) if size is None else size
         except CODEC_ERRORS as error:
             for info in group.infos:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import subprocess
 import sys
@@ -9,16 +10,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
+from cli.small_run import DEVICE, RUN
+
+from framekit.cli.common import why_output_failed
 
 FULL = Path("/dev/full")
-DEVICE = "device: far\nprotocol: modbus-tcp\nstation: 1\nmemory: {set: {40001: [1, 2, 3]}}\n"
-RUN = """run: full
-memory: masterlogic
-channels:
-  1: {port: "sim:far.device.yaml", protocol: modbus-tcp, station: 1}
-blocks:
-  0: {read: "40001", count: 3, into: M100, every: 50 ms}
-"""
 REQUEST = ("decode", "modbus-rtu", "01 03 00 00 00 0A C5 CD")
 NO_ROOM = "standard output: No space left on device"
 
@@ -115,3 +111,8 @@ def test_errors_that_have_no_room_leave_the_output_and_a_status(
     status, _ = carried_out(folder, environment, words, output=output, errors=FULL)
     assert status == expected
     assert ("{" in output.read_text("utf-8")) == ("--json" in words)
+
+
+def test_only_an_error_of_a_disk_is_one_of_standard_output() -> None:
+    assert why_output_failed(OSError(errno.ENOSPC, "No space left on device")).startswith("standard output: ")
+    assert why_output_failed(ConnectionResetError(errno.ECONNRESET, "it is reset")) == "it is reset"

@@ -19,6 +19,7 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
+from cli.small_run import DEVICE, RUN
 
 from framekit.api.trouble import Troubles
 from framekit.cli import live_output as live_output_module
@@ -451,18 +452,14 @@ def test_lines_of_several_threads_stay_whole(pipes: Callable[[], tuple[Pipe, Pip
 
 # ---- verbs --------------------------------------------------------------------------------------------------------
 
-DEVICE = "device: far\nprotocol: modbus-tcp\nstation: 1\nmemory: {set: {40001: [1, 2, 3]}}\n"
-RUN = """run: unread
-memory: masterlogic
-channels:
-  1: {port: "sim:far.device.yaml", protocol: modbus-tcp, station: 1}
-blocks:
-  0: {read: "40001", count: 3, into: M100, every: 5 ms}
-points:
+WITH_SINK = (
+    RUN
+    + """points:
   level: {channel: 1, address: "40001", every: 20 ms}
 sinks:
   - {csv: level.csv, every: 100 ms}
 """
+)
 START = (
     f"import sys, framekit.cli.live_output as output; output.MOST_WAITING = {ROOM}\n"
     "from framekit.cli.main import main; sys.exit(main())"
@@ -473,7 +470,7 @@ START = (
 def started(folder: Path, *words: str) -> Iterator[subprocess.Popen[str]]:
     """Start a verb in a process whose pipes have 4 kB and whose queues have `ROOM`."""
     (folder / "far.device.yaml").write_text(DEVICE, "utf-8")
-    (folder / "unread.run.yaml").write_text(RUN, "utf-8")
+    (folder / "unread.run.yaml").write_text(WITH_SINK, "utf-8")
     with subprocess.Popen(
         [sys.executable, "-c", START, *words],
         cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, bufsize=1,

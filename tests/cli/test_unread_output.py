@@ -7,16 +7,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from cli.small_run import DEVICE, RUN
 from spread import spread
 
-DEVICE = "device: far\nprotocol: modbus-tcp\nstation: 1\n"
-RUN = """run: unread
-memory: masterlogic
-channels:
-  1: {port: "sim:far.device.yaml", protocol: modbus-tcp, station: 1}
-blocks:
-  0: {read: "40001", count: 3, into: M100, every: 5 ms}
-"""
 WORDS = ["2003", "5", "0", "1", "1", "0", "8", "100", "8", "50", "4", "1", "4", "3", "0", "0", "1"]
 
 
