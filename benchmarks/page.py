@@ -22,10 +22,10 @@ from typing import Any
 
 from framekit.api.monitor import FrameLog
 from framekit.api.run import AsyncRun, view_of
-from framekit.web.access import Access
-from framekit.web.server import WebServer
-from framekit.web.session import VALUES_EVERY, WebBoard
-from framekit.web.shown import shown_run
+from framekit.extras.web.access import Access
+from framekit.extras.web.server import WebServer
+from framekit.extras.web.session import VALUES_EVERY, WebBoard
+from framekit.extras.web.shown import shown_run
 
 CHANNELS, BLOCKS, POINTS = 8, 64, 2_000
 TURNS = 3
@@ -67,7 +67,7 @@ class PageSamples:
     """Notes, so often of processor time, whether that went to the page."""
 
     EVERY = 0.001
-    ITS_OWN = ("/framekit/web/", "/uvicorn/", "/websockets/", "/starlette/")
+    ITS_OWN = ("/framekit/extras/web/", "/uvicorn/", "/websockets/", "/starlette/")
 
     def __init__(self) -> None:
         self.all = self.page = 0

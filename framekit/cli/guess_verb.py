@@ -28,7 +28,7 @@ from framekit.definition.problems import plural
 
 if TYPE_CHECKING:
     from framekit.api.guess import Guess, GuessedTimes, HeardBytes, TimeSpread
-    from framekit.web.hex_session import HexBoard
+    from framekit.extras.web.hex_session import HexBoard
 
 MOST_POINTS = 20
 """Largest number of shown values of a known protocol."""
@@ -81,7 +81,7 @@ def _of_definition(arguments: argparse.Namespace, chunks: list[HeardBytes], page
         print_results()
         return 0 if reading.data["frames"] else 1
     from framekit.api.hex_table import definition_table
-    from framekit.web.hex_session import HexBoard
+    from framekit.extras.web.hex_session import HexBoard
 
     title = f"{_named(arguments.files)} with {arguments.definition}"
     board = HexBoard(title, definition_table(arguments.definition, chunks), [], behaviours=reading.data["fields"])
@@ -120,7 +120,7 @@ def _of_guess(arguments: argparse.Namespace, chunks: list[HeardBytes], page: Web
         return 0
     from framekit.api.draft import DraftError, NamedGuess, protocol_name
     from framekit.api.hex_table import guessed_table
-    from framekit.web.hex_session import HexBoard
+    from framekit.extras.web.hex_session import HexBoard
 
     known_statements = [
         Statement(f"this is {one.name} – --with {one.name} shows its fields", Evidence(one.covered, one.of), False)

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from framekit import AsyncServer, Seen
     from framekit.api.monitor import LiveView
     from framekit.api.run import OnSeen, RunCalls, Tape
-    from framekit.web.messages import PageBoard
-    from framekit.web.server import WebServer
+    from framekit.extras.web.messages import PageBoard
+    from framekit.extras.web.server import WebServer
 
 USUAL = "127.0.0.1:8040"
 MISSING = (
@@ -78,8 +78,8 @@ class WebPage:
             yield
             return
         from framekit.api.run import view_of
-        from framekit.web.session import WebBoard
-        from framekit.web.shown import shown_run
+        from framekit.extras.web.session import WebBoard
+        from framekit.extras.web.shown import shown_run
 
         async with self.shows(WebBoard(shown_run(run, view_of(run, self.log)))):
             yield
@@ -108,8 +108,8 @@ class WebPage:
         if self.server is None or self._view is None:
             yield
             return
-        from framekit.web.session import WebBoard
-        from framekit.web.shown import shown_server
+        from framekit.extras.web.session import WebBoard
+        from framekit.extras.web.shown import shown_server
 
         async with self.shows(WebBoard(shown_server(devices, self._view))):
             yield
@@ -138,8 +138,8 @@ class WebPage:
 def _listening(place: str, token: str | None) -> WebServer:
     """Return the server, already listening. Raises WordsError, VerbError."""
     try:
-        from framekit.web.access import Access, kept_token
-        from framekit.web.server import WebServer, listening_at
+        from framekit.extras.web.access import Access, kept_token
+        from framekit.extras.web.server import WebServer, listening_at
     except ModuleNotFoundError as error:
         if (error.name or "").split(".")[0] == "framekit":
             raise

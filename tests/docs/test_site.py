@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 from docs.pages import PAGES, ROOT
-from web.chromium import browser, needs_chromium
+from extras.web.chromium import browser, needs_chromium
 
 import framekit
 

@@ -15,8 +15,8 @@ from framekit.api.errors import RequestError
 from framekit.api.rows import point_rows
 from framekit.api.run import AsyncRun, VirtualRun, loaded
 from framekit.definition.problems import DefinitionError
+from framekit.extras.web.shown import value_cells
 from framekit.run.points import PointValue
-from framekit.web.shown import value_cells
 
 DEVICE = """device: meter
 protocol: {protocol}

@@ -17,9 +17,9 @@ from framekit.api.draft import NamedGuess
 from framekit.api.guess import Statement
 from framekit.api.hex_table import NOISE, HexLine, HexSpan, HexTable, guessed_spans, shown_as
 from framekit.definition.problems import printable
+from framekit.extras.web.access import Access, Visitor
+from framekit.extras.web.messages import Actions, Message, Told, answered, plain_text, whole_number
 from framekit.guess.naming import TYPES, FieldNaming, NamingError, types_of
-from framekit.web.access import Access, Visitor
-from framekit.web.messages import Actions, Message, Told, answered, plain_text, whole_number
 
 log = logging.getLogger(__name__)
 

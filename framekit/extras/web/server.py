@@ -25,11 +25,11 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from framekit.extras.web.access import HEADERS, Access, is_known_host, is_own_origin
+from framekit.extras.web.messages import PageBoard, PageSession, as_text
+from framekit.extras.web.patience import ImpatientProtocol
 from framekit.transport.network import bracketed
 from framekit.transport.network import listening_at as listening_at
-from framekit.web.access import HEADERS, Access, is_known_host, is_own_origin
-from framekit.web.messages import PageBoard, PageSession, as_text
-from framekit.web.patience import ImpatientProtocol
 
 log = logging.getLogger(__name__)
 logging.getLogger("uvicorn").addHandler(logging.NullHandler())

@@ -13,11 +13,11 @@ import sys
 from pathlib import Path
 
 import pytest
-from web.chromium import Looking, browser, needs_chromium, program
-from web.page_world import METER, written
-from web.page_world import RUN as WORLD
+from extras.web.chromium import Looking, browser, needs_chromium, program
+from extras.web.page_world import METER, written
+from extras.web.page_world import RUN as WORLD
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 IMAGES = ROOT / "docs" / "images"
 
 

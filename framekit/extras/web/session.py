@@ -20,9 +20,9 @@ from framekit.api.rows import POINT_HEAD, FrameEntry, field_row, frame_row
 from framekit.codec.plain import PlainValues
 from framekit.codec.shown import explain
 from framekit.definition.problems import printable
-from framekit.web.access import Access, Visitor
-from framekit.web.messages import Actions, Message, Told, answered, plain_text, whole_number
-from framekit.web.shown import ChangingRows, ChangingValues, PointHistory, Shown, value_cells
+from framekit.extras.web.access import Access, Visitor
+from framekit.extras.web.messages import Actions, Message, Told, answered, plain_text, whole_number
+from framekit.extras.web.shown import ChangingRows, ChangingValues, PointHistory, Shown, value_cells
 
 log = logging.getLogger(__name__)
 

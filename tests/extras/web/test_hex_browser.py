@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from web.chromium import Looking, browser, needs_chromium, program
-from web.hex_world import hex_text, polled
-from web.test_browser import picture
+from extras.web.chromium import Looking, browser, needs_chromium, program
+from extras.web.hex_world import hex_text, polled
+from extras.web.test_browser import picture
 
 from framekit.cli.main import main
 

@@ -10,10 +10,10 @@ import pytest
 
 pytest.importorskip("starlette")
 
-from web.page_world import TOKEN, Browser, Page, written
+from extras.web.page_world import TOKEN, Browser, Page, written
 
-from framekit.web import session as session_module
-from framekit.web.shown import ChangingRows, PointHistory, ShownRow
+from framekit.extras.web import session as session_module
+from framekit.extras.web.shown import ChangingRows, PointHistory, ShownRow
 
 
 @pytest.fixture
@@ -152,7 +152,7 @@ def test_blocks_are_fired_and_switched_with_the_token(page: Page) -> None:
 
 
 def test_a_browser_writes_no_lines_of_its_own_into_the_log(page: Page, caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level("INFO", "framekit.web")
+    caplog.set_level("INFO", "framekit.extras.web")
     session = page.session()
     answered(session, token=TOKEN)
     forged = "\nINFO told\r\x1b[2K\u2028"

@@ -11,9 +11,9 @@ from framekit.api.guess import guess
 from framekit.api.hex_table import guessed_table
 from framekit.codec.checks import compute
 from framekit.definition.model.checks import ready_methods
+from framekit.extras.web.access import Access
+from framekit.extras.web.hex_session import HexBoard, HexSession
 from framekit.guess.model import HeardBytes
-from framekit.web.access import Access
-from framekit.web.hex_session import HexBoard, HexSession
 
 TOKEN = "a-token-of-tests"
 CHECK = ready_methods()["crc16-modbus"]

@@ -16,18 +16,18 @@ import pytest
 pytest.importorskip("starlette")
 pytest.importorskip("httpx2")
 
+from extras.web.hex_world import TOKEN, HexPage, framed, polled
 from starlette.testclient import TestClient
-from web.hex_world import TOKEN, HexPage, framed, polled
 
 from framekit.api.check import check_file
 from framekit.api.guess import guess
 from framekit.api.hex_table import NOISE, HexTable, definition_table, guessed_table
 from framekit.api.vectors import run_vectors
 from framekit.cli.main import main
+from framekit.extras.web.access import Access
+from framekit.extras.web.hex_session import MOST_LINES, HexBoard, HexSession
+from framekit.extras.web.server import LARGEST_MESSAGE, PageApp
 from framekit.guess.model import HeardBytes
-from framekit.web.access import Access
-from framekit.web.hex_session import MOST_LINES, HexBoard, HexSession
-from framekit.web.server import LARGEST_MESSAGE, PageApp
 
 HOME, LIVE = "http://127.0.0.1:8040", "ws://127.0.0.1:8040/live"
 
@@ -214,7 +214,7 @@ def test_a_float_is_refused_and_leaves_no_traceback(page: HexPage, caplog: pytes
 
 
 def test_a_browser_writes_no_lines_of_its_own_into_the_log(page: HexPage, caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level("INFO", "framekit.web")
+    caplog.set_level("INFO", "framekit.extras.web")
     session = page.session()
     answered(session, token=TOKEN)
     good = {"name": "level", "kind": "told", "first": 2, "size": 4, "type": "f32", "order": "big", "id": 1}

@@ -8,9 +8,9 @@ from typing import Any
 
 from framekit.api.monitor import FrameLog
 from framekit.api.run import AsyncRun, VirtualRun, view_of
-from framekit.web.access import Access
-from framekit.web.session import WebBoard, WebSession
-from framekit.web.shown import shown_run
+from framekit.extras.web.access import Access
+from framekit.extras.web.session import WebBoard, WebSession
+from framekit.extras.web.shown import shown_run
 
 TOKEN = "a-token-of-tests"
 

@@ -8,7 +8,7 @@ from collections.abc import Awaitable, Callable, Iterator, Mapping
 from typing import Any, Protocol
 
 from framekit.definition.problems import visible
-from framekit.web.access import Access
+from framekit.extras.web.access import Access
 
 LONGEST_TEXT = 300
 """Largest number of characters of a text from a browser."""

@@ -19,20 +19,20 @@ pytest.importorskip("starlette")
 pytest.importorskip("httpx2")
 
 import uvicorn
+from extras.web.page_world import TOKEN, Browser, Page, async_run, written
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
-from web.page_world import TOKEN, Browser, Page, async_run, written
 
 from framekit.api.monitor import FrameLog
 from framekit.api.run import view_of
 from framekit.api.server import aserve, view_of_devices
 from framekit.cli.main import main
-from framekit.web import patience
-from framekit.web import server as server_module
-from framekit.web.access import Access, is_known_host
-from framekit.web.server import PAGE, PageApp, WebServer
-from framekit.web.session import WebBoard, WebSession
-from framekit.web.shown import shown_run, shown_server
+from framekit.extras.web import patience
+from framekit.extras.web import server as server_module
+from framekit.extras.web.access import Access, is_known_host
+from framekit.extras.web.server import PAGE, PageApp, WebServer
+from framekit.extras.web.session import WebBoard, WebSession
+from framekit.extras.web.shown import shown_run, shown_server
 
 MARKUP = re.compile(r"innerHTML|outerHTML|insertAdjacent|document\.write|eval\(|new Function|\sstyle=|\son\w+=")
 """Ways in which a text would become more than a text."""
@@ -189,7 +189,7 @@ def test_a_browser_that_takes_nothing_is_given_up_and_holds_nobody_up(
         await server_module.Browser(stuck, page.session(), "test:1")._show()  # type: ignore[arg-type]
         return other
 
-    caplog.set_level("INFO", "framekit.web")
+    caplog.set_level("INFO", "framekit.extras.web")
     assert asyncio.run(drive()).values["level"][0] == "5"
     assert [record.exc_info for record in caplog.records] == [None]
 
@@ -417,7 +417,7 @@ def test_a_run_behind_the_option_is_no_place(capsys: pytest.CaptureFixture[str])
 def test_a_missing_library_is_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.delitem(sys.modules, "framekit.web.server")
+    monkeypatch.delitem(sys.modules, "framekit.extras.web.server")
     monkeypatch.setitem(sys.modules, "uvicorn", None)
     assert main(["run", str(written(tmp_path)), "--web", "0", "--for", "1s"]) == 1
     assert "install framekit with the extra 'web'" in capsys.readouterr().err

@@ -1,0 +1,38 @@
+"""The core does without the extras: no module outside `framekit/extras` imports them as it is imported itself."""
+
+import ast
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2] / "framekit"
+
+
+def imported_at_once(tree: ast.Module) -> list[str]:
+    """Return the modules that a module imports when it is imported, without imports for type checkers."""
+    found: list[str] = []
+    pending: list[ast.AST] = list(tree.body)
+    while pending:
+        node = pending.pop()
+        if isinstance(node, ast.Import):
+            found += [name.name for name in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            found += [node.module or "", *(f"{node.module}.{name.name}" for name in node.names)]
+        elif isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+            pending += node.orelse
+        elif not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
+            pending += ast.iter_child_nodes(node)
+    return found
+
+
+def test_only_functions_import_extras() -> None:
+    outside = [path for path in ROOT.rglob("*.py") if (ROOT / "extras") not in path.parents]
+    imports = {path: imported_at_once(ast.parse(path.read_text("utf-8"))) for path in outside}
+    assert len(imports) > 300
+    assert [
+        str(path) for path, names in imports.items() if any(name.startswith("framekit.extras") for name in names)
+    ] == []
+
+
+def test_imports_in_classes_and_conditions_count() -> None:
+    at_once = "if True:\n    import a\nclass B:\n    from c import d\n"
+    text = at_once + "if TYPE_CHECKING:\n    import e\ndef f():\n    import g\n"
+    assert sorted(imported_at_once(ast.parse(text))) == ["a", "c", "c.d"]
