@@ -43,6 +43,9 @@ LOSSES, SHORT_HORIZON = 5, 4
 MOST_HOLDS = 5
 """A request fails after so many times the usual hold: frames without a request arrive without end."""
 
+MOST_RESTARTS = 2
+"""An exchange in doubt gathers replies again so many times after a hold; then the line drains."""
+
 FORGET = 600_000_000_000
 """A measured lateness loses its effect linearly within this time (ns)."""
 
@@ -53,7 +56,8 @@ class OpenRequest:
     """A request whose reply has not come and may still come."""
 
     __slots__ = (
-        "asked", "at", "by_itself", "ends", "frames", "is_foreign", "names", "number", "sent", "station", "within",
+        "asked", "at", "by_itself", "ends", "frames", "is_foreign", "is_met", "names", "number", "sent", "station",
+        "within",
     )  # fmt: skip
 
     def __init__(
@@ -72,6 +76,8 @@ class OpenRequest:
         """Time after which no reply to it is expected."""
         self.by_itself = False
         """Whether a SEND block or a program sent it, without an exchange."""
+        self.is_met = False
+        """Whether its reply has come, presumably: a reply that could not be used, or the reply to a later request."""
         self.is_foreign = False
         """Whether an engine of another protocol sent it: every frame may be its reply, and no frame closes it."""
 
@@ -79,10 +85,14 @@ class OpenRequest:
 class Doubt:
     """The replies to one exchange while requests before it are open: it runs again until a reply is believed."""
 
-    __slots__ = ("asks", "began", "changes", "equal", "extra", "is_draining", "quickest", "reply", "result", "since")
+    __slots__ = (
+        "asks", "began", "changes", "equal", "extra", "gathers_from", "is_draining", "quickest", "reply", "restarts",
+        "result", "since",
+    )  # fmt: skip
 
     def __init__(self, now: int) -> None:
-        self.began = now
+        self.began = self.gathers_from = now
+        self.restarts = 0
         self.asks: list[tuple[OpenRequest, int]] = []
         """Each request of the exchange that seemed to be answered, and the time of the reply."""
         self.result: object = None
@@ -98,6 +108,13 @@ class Doubt:
         self.extra = 0
         """Time of the last reply that came without a request."""
         self.is_draining = False
+
+    def restart(self, now: int) -> None:
+        """Begin to gather replies again, after a hold."""
+        self.gathers_from, self.quickest = now, LONGEST
+        self.changes = self.equal = 0
+        self.result = None
+        self.restarts += 1
 
 
 class LateReplies:
@@ -155,7 +172,9 @@ class LateReplies:
         """Note that the wait of a run ended, or that its request is repeated, and no reply has come."""
         more = self.time(x.names, run.longest)
         if more:
-            self._add(request_of(run, x))
+            request = request_of(run, x)
+            request.is_met = run.unusable is not None and run.unusable.take_new()
+            self._add(request)
             self._hold(x.station, run.started, run.longest, more)
 
     def took(self, run: Run, x: Exchange) -> None:
@@ -323,7 +342,7 @@ class LateReplies:
         self.expire()
         if is_awaited and not self.until:
             return None
-        found = next((one for one in self.open if not one.is_foreign and self._is_reply_to(value, one)), None)
+        found = self._answered_by(value)
         if value.frame in self.expected.unproven and self.noisy >= (now if found is None else found.at):
             return None
         if found is not None:
@@ -341,6 +360,19 @@ class LateReplies:
         more = self.time(self._scope, self.within)
         if more:
             self.until = max(self.until, now + max(more, min(service + service // 4, LONGEST)))
+        return found
+
+    def _answered_by(self, reply: FrameValue) -> OpenRequest | None:
+        """Return the open request that a late reply closes; None if it fits none.
+
+        It is the oldest request that it fits, but rather a request that is not met. The oldest then stays open for as
+        long as the request that is closed for it: the reply may nevertheless be its own.
+        """
+        fitting = [one for one in self.open if not one.is_foreign and self._is_reply_to(reply, one)]
+        if not fitting:
+            return None
+        found = next((one for one in fitting if not one.is_met), fitting[0])
+        fitting[0].ends = max(fitting[0].ends, found.ends)
         return found
 
     def _close(self, request: OpenRequest) -> int:
@@ -387,8 +419,8 @@ class LateReplies:
             self._lose([one for one in self.open if one.ends <= now])
 
     def _lose(self, requests: list[OpenRequest]) -> None:
-        """Drop open requests that no reply came to."""
-        self.lost += sum(not one.is_foreign for one in requests)
+        """Drop open requests that no reply came to; a request that is met is not lost."""
+        self.lost += sum(not (one.is_foreign or one.is_met) for one in requests)
         self.open = [one for one in self.open if one not in requests]
 
     # ---- may a reply be stored? ---------------------------------------------------------------------------
@@ -411,6 +443,10 @@ class LateReplies:
         doubt = run.doubt
         if doubt is None:
             doubt = run.doubt = Doubt(now)
+        elif doubt.restarts < MOST_RESTARTS and now - doubt.asks[-1][1] > 2 * within:
+            self._count(doubt)
+            run.first_open = self.count
+            doubt.restart(now)
         doubt.asks.append((request_of(run, x), now))
         content, took = content_of(results, reply), now - run.asked_at
         if doubt.equal and content == doubt.result:
@@ -423,7 +459,7 @@ class LateReplies:
         possible = min(len(others), 1 + 2 * (now - doubt.since) // within)
         if doubt.equal > possible:
             return self._believe(run)
-        gathered, number = now - doubt.began, len(doubt.asks)
+        gathered, number = now - doubt.gathers_from, len(doubt.asks)
         if number > 3 and doubt.changes and gathered < within and took <= 2 * doubt.quickest + within // 50:
             return self._believe(run)  # the value itself changes; each reply came at its usual time
         if gathered < within and number < MOST_OPEN:
@@ -443,26 +479,28 @@ class LateReplies:
         return self.until
 
     def _settle(self, doubt: Doubt) -> None:
-        """Count the replies of an exchange that are not believed for the oldest requests they fit; hold the line."""
-        now, reply, lateness = self._scope.now, doubt.reply, 0
-        for request, _ in doubt.asks:
-            self._add(request)
-        for _, at in doubt.asks:
-            fitting = [
-                one for one in self.open if reply is not None and not one.is_foreign and self._is_reply_to(reply, one)
-            ]
-            if fitting:
-                oldest = min(fitting, key=lambda one: one.at)
-                self.open.remove(oldest)
-                lateness = max(lateness, at - oldest.at)
-                self.last = at
-        self.open.sort(key=lambda one: one.at)
-        doubt.asks.clear()
+        """Count the replies of an exchange that are not believed; hold the line for as long as they were late."""
+        now, lateness = self._scope.now, self._count(doubt)
         if self.open:
             lateness = min(lateness, HORIZON * max(1, self.within))
             self.until = max(self.until, min(now + lateness + lateness // 4, now + LONGEST))
         for one in self.open:
             one.ends = max(one.ends, self.until)
+
+    def _count(self, doubt: Doubt) -> int:
+        """Close the requests that the replies of an exchange in doubt answer, as late replies; return how late."""
+        reply, lateness = doubt.reply, 0
+        for request, _ in doubt.asks:
+            self._add(request)
+        for _, at in doubt.asks:
+            found = None if reply is None else self._answered_by(reply)
+            if found is not None:
+                self.open.remove(found)
+                lateness = max(lateness, at - found.at)
+                self.last = at
+        self.open.sort(key=lambda one: one.at)
+        doubt.asks.clear()
+        return lateness
 
     def ended(self, run: Run) -> None:
         """Note that an exchange ended while its replies were in doubt."""

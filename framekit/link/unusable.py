@@ -8,16 +8,23 @@ from framekit.link.arrivals import BadFrame
 class UnusableReplies:
     """The unusable replies of one exchange: their number, and the fault of the last."""
 
-    __slots__ = ("_checks", "_detail", "bad", "count")
+    __slots__ = ("_checks", "_detail", "_known", "bad", "count")
 
     def __init__(self) -> None:
         self.count = 0
         """Number of replies that arrived and could not be used."""
         self.bad = 0
         """Number of these that were bad frames; the others answer another request."""
+        self._known = 0
+        """Value of `count` at the last call of `take_new`."""
         self._checks = 0
         """Number of these with a wrong check code."""
         self._detail = ""
+
+    def take_new(self) -> bool:
+        """Return whether replies have come since the last call."""
+        is_new, self._known = self.count > self._known, self.count
+        return is_new
 
     def add_bad(self, bad: BadFrame) -> None:
         """Note a bad frame."""

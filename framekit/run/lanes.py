@@ -204,7 +204,7 @@ class BlockLane:
                 if not self._silent_for(station, now):
                     heapq.heappush(failing.parked, entry)
                     return None
-                failing.ask_at = now + rule.every
+                failing.ask_at = now + rule.longest_pause
                 state.probing = True
                 return state, station
         return None
@@ -276,15 +276,31 @@ class BlockLane:
         if failing is None:
             failing = self.failing[station] = _Failing(since=now)
         failing.failures += 1
+        failing.period = min(failing.period, state.period or 2 * (now - state.started_at))
         if failing.is_dead:
+            if self._costs_nobody(rule):
+                failing.ask_at = self._next_ask(failing, rule, state, now)
             return
         if failing.failures >= rule.failures and now - failing.since >= rule.after:
-            failing.is_dead, failing.ask_at = True, now + rule.every
+            alone = self._costs_nobody(rule)
+            failing.is_dead = True
+            failing.ask_at = self._next_ask(failing, rule, state, now) if alone else now + rule.longest_pause
             self.changed.append((station, True))
         elif len(self.stations) > 1:
-            failing.period = min(failing.period, state.period or 2 * (now - state.started_at))
             failing.ask_at = now
             self._ask_again(state, station, now)
+
+    def _costs_nobody(self, rule: DeadRule) -> bool:
+        """Return whether a dead station may be asked often: it is alone on its channel, and the file sets no time."""
+        return rule.every is None and len(self.stations) <= 1
+
+    def _next_ask(self, failing: _Failing, rule: DeadRule, state: BlockState, now: int) -> int:
+        """Return when a dead station that is alone is asked again: a period after the last request at the earliest.
+
+        The line rests for as long as that request took.
+        """
+        took = now - state.started_at
+        return min(max(state.started_at + failing.period, now + took), now + rule.longest_pause)
 
     def _ask_again(self, state: BlockState, station: Hashable, now: int) -> None:
         """Set when a suspected station is asked again: a period after it was asked, and later after each failure more.
@@ -294,7 +310,7 @@ class BlockLane:
         failing, rule = self.failing.get(station), self.rules.dead_rule(station)
         if failing is None or failing.ask_at is None or failing.is_dead or rule is None:
             return
-        pause = min(failing.period * ((1 << min(failing.failures, MOST_DOUBLED) - 1) - 1), rule.every)
+        pause = min(failing.period * ((1 << min(failing.failures, MOST_DOUBLED) - 1) - 1), rule.longest_pause)
         failing.ask_at = max(now + pause, state.started_at + failing.period, self._held_until(station))
         failing.pressing_from = failing.ask_at + failing.period
 

@@ -431,13 +431,27 @@ class Silence:
     station: int = 0
 
 
+DEAD_EVERY = 60_000_000_000
+"""Time between two requests to a dead station that shares its channel, if the run file gives none (ns)."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DeadRule:
-    """A station without an answer in `failures` attempts, over `after` ns or more, is retried every `every` ns."""
+    """A station without an answer in `failures` attempts, over `after` ns or more, is dead, and asked now and then."""
 
     failures: int = 3
     after: int = 10_000_000_000
-    every: int = 60_000_000_000
+    every: int | None = None
+    """Time between two requests to a dead station (ns).
+
+    None: `DEAD_EVERY` for a station that shares its channel; a station alone on its channel is asked as often as its
+    blocks come due, but the line rests for as long as the request took.
+    """
+
+    @property
+    def longest_pause(self) -> int:
+        """Return the time between two requests to a dead station that shares its channel (ns)."""
+        return DEAD_EVERY if self.every is None else self.every
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -376,7 +376,7 @@ class RulesLoader:
         )
         if failures is not None and rule.failures < 1:
             self.reader.note(failures.at, "a station cannot be dead before it failed", "give 1 or more")
-        if every is not None and rule.every < 1:
+        if every is not None and (rule.every or 0) < 1:
             self.reader.note(every.at, "a dead station is asked now and then", "give a time such as 60 s")
         return rule
 

@@ -1,0 +1,108 @@
+"""Troubles of several kinds in sequence: no value is wrong, and values come again soon after the device is well."""
+
+from __future__ import annotations
+
+from itertools import product
+from pathlib import Path
+from random import Random
+
+import pytest
+from service.late_world import MS, SECOND, LateWorld
+from spread import spread
+
+from framekit.run.model import FaultRule
+from framekit.runfile.run_file import load_run
+from framekit.service.run import RunService
+from framekit.transport.clock import VirtualClock
+
+ALIKE = ("modbus-rtu", "modbus-ascii", "mldp", "ge-rtu", "registers")
+
+
+def rule(kind: str, begin: float, end: float, time: float = 0) -> FaultRule:
+    """Return a fault of all replies in a span of time (s)."""
+    return FaultRule(kind=kind, begin=int(begin * SECOND), end=int(end * SECOND), time=int(time * SECOND))
+
+
+IN_SEQUENCE = (rule("wrong_check", 3, 7), rule("wrong_station", 10, 14), rule("delay", 17, 26, 3))
+DAMAGED_THEN_LATE = (rule("wrong_check", 3, 15), rule("delay", 17, 26, 3))
+
+
+def poll(world: LateWorld, until: int) -> list[int]:
+    """Exchange once a second at most; return the times (ns) of good values."""
+    good = []
+    while world.clock.now() < until:
+        begun = world.clock.now()
+        if world.exchange() == "ok":
+            good.append(world.clock.now())
+        world.clock.run_until(max(world.clock.now(), begun + SECOND))
+    return good
+
+
+@pytest.mark.parametrize("rules", [IN_SEQUENCE, DAMAGED_THEN_LATE], ids=["three kinds", "damaged, then late"])
+@pytest.mark.parametrize("name", ALIKE)
+def test_values_come_soon_after_damaged_and_late_replies(name: str, rules: tuple[FaultRule, ...]) -> None:
+    """A request whose reply was damaged is not taken for the request of a late reply: the hold would last too long."""
+    well = 26 * SECOND
+    world = LateWorld(name, *rules)
+    good = [time for time in poll(world, well + 40 * SECOND) if time > well]
+    assert world.wrong == []
+    assert good[0] < well + 10 * SECOND and len(good) > 30, good
+
+
+@pytest.mark.parametrize(("name", "seed"), spread(product(ALIKE, range(12)), 5))
+def test_no_value_is_wrong_in_drawn_sequences_of_troubles(name: str, seed: int) -> None:
+    """Spans of damaged, strange, lost and late replies, and single late replies.
+
+    They are late by less than four time limits: after five losses no request stays open for longer.
+    """
+    random = Random(f"{name} {seed}")
+    rules, begin = [FaultRule(kind="jitter", time=7 * SECOND // 2, rate=1 / 50)] * (seed % 2), 2.0
+    while begin < 200:
+        end = begin + random.uniform(1, 15)
+        kind = random.choice(["wrong_check", "wrong_station", "no_reply", "truncate", "delay"])
+        rules.append(rule(kind, begin, end, random.choice([1.2, 2.5, 3.5])))
+        begin = end + random.choice([0.5, 3, 20])
+    lateness = None
+    if seed % 3 == 0:
+        lateness = lambda now: int(random.random() < 0.1) * random.choice([1200, 2500, 3500]) * MS  # noqa: E731
+        rules = [one for one in rules if one.kind != "delay"]
+    world = LateWorld(name, *rules, seed=seed, lateness=lateness, retries=seed % 3)
+    good = poll(world, 300 * SECOND)
+    assert world.wrong == []
+    assert len(good) > 30
+
+
+RUN = """run: alone
+memory: masterlogic
+channels:
+  1: {port: "sim:d1.device.yaml", protocol: modbus-rtu, station: 1DEAD}
+blocks:
+  0: {read: "40001", into: D00000, channel: 1, every: 1 s}
+"""
+
+
+@pytest.mark.parametrize(
+    ("dead", "soon"), [("", 3), (", dead: {failures: 5}", 3), (", dead: {every: 30 s}", 31)],
+    ids=["by default", "other failures", "with a time"],
+)  # fmt: skip
+def test_a_dead_station_that_is_alone_on_its_line_is_asked_often(dead: str, soon: int, tmp_path: Path) -> None:
+    """It costs no neighbour: it is asked as often as its block comes due, and the line rests half of the time."""
+    text = "device: d1\nprotocol: modbus-rtu\nstation: 1\nmemory: {set: {40001: [7]}}\n"
+    (tmp_path / "d1.device.yaml").write_text(text)
+    path = tmp_path / "r.run.yaml"
+    path.write_text(RUN.replace("DEAD", dead))
+    clock = VirtualClock()
+    service = RunService(load_run(path), clock)
+    start = service.devices[0].start
+    service.devices[0].start = lambda: None  # type: ignore[method-assign]
+    service.start()
+    clock.run_for(40 * SECOND)
+    state = service.states[0]
+    assert state.dead
+    failed = state.failed
+    clock.run_for(60 * SECOND)
+    assert state.failed - failed <= 60 // 2 + 1, "the line rests as long as a request takes"
+    start()
+    clock.run_for(soon * SECOND)
+    assert state.done >= 1 and not state.dead
+    assert (state.failed - failed >= 20) is (soon == 3)
