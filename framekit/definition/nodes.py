@@ -15,6 +15,7 @@ from typing import Any
 import yaml
 
 from framekit.definition.problems import DefinitionError, Position, Problem
+from framekit.definition.sources import edited_text
 from framekit.definition.tree import Entry, Mapping, Node, Scalar, Sequence, unread
 
 QUOTE_EXPRESSION = "quote the whole expression"
@@ -200,12 +201,17 @@ _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 def read_nodes(source: Path, noted: list[Problem] | None = None, *, begin: str = "protocol: NAME") -> Node:
-    """Return the nodes of a file. Raise DefinitionError with all problems that can be found at once.
+    """Return the nodes of a file, or of the text of `edited_texts` for it.
+
+    Raise DefinitionError with all problems that can be found at once.
 
     Problems that still leave a usable tree, such as a duplicate key, are appended to `noted` instead, if it is given.
     `begin`: the text with which a file should begin, for the message about an empty file.
     """
     file = str(source)
+    edited = edited_text(source)
+    if edited is not None:
+        return read_text(edited, file, noted, begin=begin)
     try:
         with source.open("rb") as stream:
             data = stream.read(LARGEST_FILE + 1)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from functools import cache, lru_cache
 from hashlib import sha256
 from pathlib import Path, PurePosixPath
@@ -185,10 +186,34 @@ def sources_of(files: Iterable[Path], found: Iterable[tuple[str, Path, Path]]) -
     )
 
 
-def _digest(path: Path) -> str:
-    """Return the hash of a file's content; '' for a file that cannot be read."""
+_edited: ContextVar[Mapping[Path, str]] = ContextVar("_edited")
+"""The texts of `edited_texts`, by their resolved paths."""
+
+
+@contextmanager
+def edited_texts(texts: Mapping[Path, str]) -> Iterator[None]:
+    """Read these texts in place of the content of their files inside the context, in addition to outer contexts.
+
+    The files must exist. Positions, and the search for files that a text names, are those of the real files.
+    """
+    token = _edited.set({**_edited.get({}), **{path.resolve(): text for path, text in texts.items()}})
     try:
-        return sha256(path.read_bytes()).hexdigest()
+        yield
+    finally:
+        _edited.reset(token)
+
+
+def edited_text(path: Path) -> str | None:
+    """Return the text that replaces the content of a file, or None."""
+    texts = _edited.get({})
+    return texts.get(path.resolve()) if texts else None
+
+
+def _digest(path: Path) -> str:
+    """Return the hash of a file's content, or of the text that replaces it; '' for a file that cannot be read."""
+    text = edited_text(path)
+    try:
+        return sha256(path.read_bytes() if text is None else text.encode("utf-8", "surrogatepass")).hexdigest()
     except OSError:
         return ""
 

@@ -24,6 +24,7 @@ from framekit.definition.model.services import JobWork
 from framekit.definition.nodes import Mapping, Node, Scalar, without
 from framekit.definition.nodes import Mapping as MappingNode
 from framekit.definition.problems import NOWHERE, DefinitionError, Problem, did_you_mean
+from framekit.definition.sources import edited_texts
 from framekit.definition.times import MOST_STATIONS
 from framekit.link.addresses import AddressGrammar
 from framekit.memory.profile import BlockWords, MemoryProfile, load_profile, load_profile_node, read_scan
@@ -71,9 +72,9 @@ class RunReading(NamedTuple):
 def read_run(path: Path, text: str | None = None) -> RunReading:
     """Read as much as possible of the run in a file; `text` replaces its content."""
     reader = Reader()
-    documents = Documents(reader, None if text is None else {path.resolve(): text})
+    documents = Documents(reader)
     run, loader = None, None
-    with suppress(Broken):
+    with edited_texts({} if text is None else {path: text}), suppress(Broken):
         loader = RunLoader(reader, path, documents.root(path, "run"))
         run = loader.load()
     problems = documents.first_words(reader.problems, path)

@@ -16,7 +16,7 @@ from typing import TypeVar
 
 from framekit.definition.expression import place_of
 from framekit.definition.load.reader import Broken, Reader
-from framekit.definition.nodes import Entry, Mapping, Node, Scalar, is_cut, read_nodes, read_text, unread
+from framekit.definition.nodes import Entry, Mapping, Node, Scalar, is_cut, read_nodes, unread
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
 from framekit.definition.schema import Kind, validate, wrong_kind
 from framekit.definition.sources import INSIDE, find_definition, leaves_folder, searched_folders
@@ -63,10 +63,8 @@ class SourceText:
 class Documents:
     """Reads the files of one load, each once; problems are noted in `reader`."""
 
-    def __init__(self, reader: Reader, texts: MappingOf[Path, str] | None = None) -> None:
+    def __init__(self, reader: Reader) -> None:
         self.reader = reader
-        self.texts = texts or {}
-        """Replacements for the content of files."""
         self.roots: dict[Path, Mapping] = {}
         self.under_way: list[Path] = []
         """The files being read, outermost first."""
@@ -86,11 +84,7 @@ class Documents:
             doubles: list[Problem] = []
             begin = f"{kind}: NAME"
             try:
-                text = self.texts.get(path)
-                if text is None:
-                    node = read_nodes(path, doubles, begin=begin)
-                else:
-                    node = read_text(text, str(path), doubles, begin=begin)
+                node = read_nodes(path, doubles, begin=begin)
             except DefinitionError as error:
                 self.reader.problems.extend(error.problems)
                 raise Broken(str(path)) from None
