@@ -151,6 +151,21 @@ class FieldLine:
     depth: int
 
 
+@dataclass(frozen=True, slots=True)
+class DrawnFrame:
+    """A frame for a picture: its name, a sentence with its size and its sender, and its boxes."""
+
+    name: str
+    about: str
+    boxes: tuple[Box, ...]
+
+
+def drawn_frames(protocol: Protocol) -> Iterator[DrawnFrame]:
+    """Yield the frames of a protocol as they are drawn."""
+    writer = _Writer(protocol, {})
+    return (writer.drawn(frame) for frame in protocol.frames.values())
+
+
 def document(protocol: Protocol, vectors: Path | None = None) -> list[Block]:
     """Return the document of a protocol; `vectors`: its cases, from which examples are taken."""
     return list(_Writer(protocol, _examples(vectors)).blocks())
@@ -200,16 +215,16 @@ class _Writer:
 
     # ---- frames -------------------------------------------------------------------------------------------
 
-    def _frame(self, frame: Frame) -> Iterator[Block]:
-        segments = self.sizes.segments(frame)
+    def drawn(self, frame: Frame) -> DrawnFrame:
         where = "inside of other frames" if frame.inner else _SENDERS[frame.side]
+        about = f"{frame.doc.rstrip('.')}. " * bool(frame.doc) + f"{_bytes(self.sizes.frame(frame.name))}, {where}."
+        return DrawnFrame(frame.name, about, tuple(self._boxes(self.sizes.segments(frame))))
+
+    def _frame(self, frame: Frame) -> Iterator[Block]:
+        segments, drawn = self.sizes.segments(frame), self.drawn(frame)
         yield Heading(3, frame.name)
-        yield Paragraph(
-            f"{frame.doc.rstrip('.')}. " * bool(frame.doc) + f"{_bytes(self.sizes.frame(frame.name))}, {where}."
-        )
-        yield Picture(
-            _file_name(frame.name), f"The bytes of {frame.name}", byte_diagram(frame.name, self._boxes(segments))
-        )
+        yield Paragraph(drawn.about)
+        yield Picture(_file_name(frame.name), f"The bytes of {frame.name}", byte_diagram(frame.name, drawn.boxes))
         lines = list(self._lines(segments, NOTHING, 0))
         rows = [(one.offset, one.size, "· " * one.depth + one.name, one.what) for one in lines]
         yield PageTable(("offset", "bytes", "name", "what"), rows)

@@ -18,7 +18,7 @@ from framekit.api.guess import Statement
 from framekit.api.hex_table import NOISE, HexLine, HexSpan, HexTable, guessed_spans, shown_as
 from framekit.definition.problems import printable
 from framekit.extras.web.access import Access, Visitor
-from framekit.extras.web.messages import Actions, Message, Told, answered, plain_text, whole_number
+from framekit.extras.web.messages import LARGEST_MESSAGE, Actions, Message, Told, answered, plain_text, whole_number
 from framekit.guess.naming import TYPES, FieldNaming, NamingError, types_of
 
 log = logging.getLogger(__name__)
@@ -45,6 +45,7 @@ class HexBoard:
     """
 
     home = "bytes.html"
+    largest_message = LARGEST_MESSAGE
 
     def __init__(
         self, title: str, table: HexTable, statements: Sequence[Statement], names: NamedGuess | None = None,

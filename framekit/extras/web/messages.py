@@ -10,6 +10,8 @@ from typing import Any, Protocol
 from framekit.definition.problems import visible
 from framekit.extras.web.access import Access
 
+LARGEST_MESSAGE = 16_384
+"""Largest number of bytes of a message from a browser, on pages without texts of files."""
 LONGEST_TEXT = 300
 """Largest number of characters of a text from a browser."""
 
@@ -60,9 +62,12 @@ class PageSession(Protocol):
 
 
 class PageBoard(Protocol):
-    """Content common to all browsers. `home`: the file of the page."""
+    """Content common to all browsers."""
 
     home: str
+    """The file of the page."""
+    largest_message: int
+    """Largest number of bytes of a message from a browser."""
 
     def session(self, access: Access, who: str) -> PageSession:
         """Return a session for a browser."""

@@ -39,9 +39,8 @@ KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
 MOST_BROWSERS = 16
 MOST_BROWSERS_OF_AN_ADDRESS = 8
 MOST_CONNECTIONS = 64
-LARGEST_MESSAGE = 16_384
 MOST_ACTIONS = 8
-"""Browsers and connections at a time, bytes of a message, and open actions of one browser."""
+"""Browsers and connections at a time, and open actions of one browser."""
 MESSAGE_EVERY = 0.02
 """Seconds that the next message of a browser waits."""
 SHOWN_EVERY = 0.2
@@ -229,17 +228,18 @@ class WebServer:
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         self._socket = socket.create_server((host, port), family=family)
         self.url = f"http://{bracketed(host)}:{self._socket.getsockname()[1]}/"
-        config = uvicorn.Config(
+        self._config = uvicorn.Config(
             self.page.app, lifespan="off", log_config=None, access_log=False, server_header=False,
-            ws="websockets-sansio", ws_max_size=LARGEST_MESSAGE, ws_per_message_deflate=False,
+            ws="websockets-sansio", ws_per_message_deflate=False,
             limit_concurrency=MOST_CONNECTIONS, http=ImpatientProtocol, timeout_graceful_shutdown=LONGEST_END,
         )  # fmt: skip
-        self._server = _Uvicorn(config)
+        self._server = _Uvicorn(self._config)
         self._tasks: list[asyncio.Task[None]] = []
 
     def begin(self, board: PageBoard) -> None:
         """Show this board from now on, in the running loop."""
         self.page.board = board
+        self._config.ws_max_size = board.largest_message
         self._tasks = [
             asyncio.ensure_future(self._server.serve([self._socket])),
             asyncio.ensure_future(board.go_on()),

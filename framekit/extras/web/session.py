@@ -21,7 +21,7 @@ from framekit.codec.plain import PlainValues
 from framekit.codec.shown import explain
 from framekit.definition.problems import printable
 from framekit.extras.web.access import Access, Visitor
-from framekit.extras.web.messages import Actions, Message, Told, answered, plain_text, whole_number
+from framekit.extras.web.messages import LARGEST_MESSAGE, Actions, Message, Told, answered, plain_text, whole_number
 from framekit.extras.web.shown import ChangingRows, ChangingValues, PointHistory, Shown, value_cells
 
 log = logging.getLogger(__name__)
@@ -48,6 +48,7 @@ class WebBoard:
     """The content shared by all browsers of one run, read on request and at limited rates."""
 
     home = "page.html"
+    largest_message = LARGEST_MESSAGE
 
     def __init__(self, shown: Shown, now: Callable[[], float] = time.monotonic) -> None:
         self.shown = shown

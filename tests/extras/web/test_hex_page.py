@@ -26,7 +26,8 @@ from framekit.api.vectors import run_vectors
 from framekit.cli.main import main
 from framekit.extras.web.access import Access
 from framekit.extras.web.hex_session import MOST_LINES, HexBoard, HexSession
-from framekit.extras.web.server import LARGEST_MESSAGE, PageApp
+from framekit.extras.web.messages import LARGEST_MESSAGE
+from framekit.extras.web.server import PageApp
 from framekit.guess.model import HeardBytes
 
 HOME, LIVE = "http://127.0.0.1:8040", "ws://127.0.0.1:8040/live"

@@ -1,0 +1,180 @@
+"""The page of the editor: the files of a folder, each with its problems and its meaning as it is typed.
+
+Without the token a browser sees the files as they are on disk. With the token it may have texts examined, and save
+them.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Iterator
+from typing import Any
+
+from framekit import __version__
+from framekit.extras.web.access import Access, Visitor
+from framekit.extras.web.edit_files import LARGEST_TEXT, EditedFolder, EditRefusedError, OpenedFile
+from framekit.extras.web.edit_process import WorkError, Workers
+from framekit.extras.web.messages import Actions, Message, Told, answered, plain_text, whole_number
+
+log = logging.getLogger(__name__)
+
+LONGEST_HEX = 40_000
+MOST_VALUES = 500
+"""Limits of a message: characters of bytes in hex, and values of a form."""
+
+
+class EditBoard:
+    """Content common to all browsers: the files, and the processes that examine texts."""
+
+    home = "edit.html"
+    largest_message = 4 * LARGEST_TEXT
+
+    def __init__(self, folder: EditedFolder, first: str = "") -> None:
+        """Prepare the page; `first`: the file to open."""
+        self.folder = folder
+        self.first = first
+        self.workers = Workers()
+
+    def session(self, access: Access, who: str) -> EditSession:
+        """Return a session for a browser."""
+        return EditSession(self, access, who)
+
+    async def go_on(self) -> None:
+        """Keep the processes until the server ends."""
+        try:
+            await asyncio.Event().wait()
+        finally:
+            await self.workers.close()
+
+
+class EditSession:
+    """The session of a browser: the file that it has opened, and its text as the browser has it."""
+
+    def __init__(self, board: EditBoard, access: Access, who: str) -> None:
+        self.board = board
+        self.visitor = Visitor(access, who)
+        self._file: OpenedFile | None = None
+        self._text = ""
+        self._actions: Actions = {
+            "token": lambda given, told: self.visitor.give(given),
+            "open": self._open,
+            "text": self._look,
+            "hex": self._decode,
+            "form": self._form,
+            "build": self._build,
+            "save": self._save,
+        }
+
+    @property
+    def wrong_tokens(self) -> int:
+        """Return the number of wrong tokens it has sent."""
+        return self.visitor.wrong_tokens
+
+    def hello(self) -> Message:
+        """Return the list of files."""
+        folder = self.board.folder
+        names = folder.names()
+        first = self.board.first or (names[0] if names else "")
+        return {
+            "hello": f"edit {folder.root.name}", "version": __version__, "files": names, "first": first,
+            "longest": LARGEST_TEXT,
+        }  # fmt: skip
+
+    def news(self) -> Iterator[Message]:
+        """Yield no updates: every answer follows a request."""
+        return iter(())
+
+    async def answer(self, told: Any) -> Message | None:
+        """Execute a message and return the answer. Raises ValueError if it is no message of the page."""
+        return await answered(self._actions, told)
+
+    # ---- files --------------------------------------------------------------------------------------------
+
+    async def _open(self, name: Any, told: Told) -> Message:
+        """Return the content of a file, which becomes the text of this session."""
+        try:
+            file = await asyncio.to_thread(self.board.folder.read, plain_text(name))
+        except EditRefusedError as error:
+            return {"opened": None, "why": str(error)}
+        self._file, self._text = file, file.text
+        return {"opened": file.name, "text": file.text, "digest": file.digest}
+
+    async def _save(self, text: Any, told: Told) -> Message:
+        """Save a text; `digest`: of the content that it replaces."""
+        answer: Message = {"done": whole_number(told.get("id"))}
+        name, digest = plain_text(told.get("file")), plain_text(told.get("digest"))
+        why = self.visitor.refused()
+        if why:
+            return {**answer, "why": why}
+        try:
+            saved = await asyncio.to_thread(self.board.folder.save, name, _text(text), digest)
+        except EditRefusedError as error:
+            log.warning("edit: %r was not saved for %s: %s", name, self.visitor.who, error)
+            return {**answer, "why": str(error)}
+        log.info("edit: %r saved for %s", name, self.visitor.who)
+        if self._file is not None and self._file.name == name:
+            self._file = OpenedFile(name, _text(text), saved)
+        return {**answer, "saved": name, "digest": saved}
+
+    # ---- meaning ------------------------------------------------------------------------------------------
+
+    async def _look(self, text: Any, told: Told) -> Message:
+        """Examine a text of the open file; without the token, only its content on disk."""
+        number = whole_number(told.get("number"))
+        if self._file is None or plain_text(told.get("file")) != self._file.name:
+            raise ValueError("this is no message")
+        if _text(text) != self._file.text and (why := self.visitor.refused()):
+            return {"checked": number, "why": f"texts are examined {why}"}
+        self._text = text
+        return await self._asked({"checked": number, "file": self._file.name}, "look", {})
+
+    async def _decode(self, data: Any, told: Told) -> Message:
+        """Decode bytes in hex."""
+        if not isinstance(data, str) or len(data) > LONGEST_HEX:
+            raise ValueError("this is no message")
+        return await self._asked({"decoded": data}, "decode", {"protocol": _protocol(told), "data": data})
+
+    async def _form(self, frame: Any, told: Told) -> Message:
+        """Return the values of a frame, with samples."""
+        given = {"protocol": _protocol(told), "frame": plain_text(frame), "inside": plain_text(told.get("inside"))}
+        return await self._asked({"form": frame}, "form", given)
+
+    async def _build(self, frame: Any, told: Told) -> Message:
+        """Build a frame with the values of a form."""
+        rows = told.get("rows")
+        if not isinstance(rows, list) or len(rows) > MOST_VALUES or not all(map(_is_row, rows)):
+            raise ValueError("this is no message")
+        given = {"protocol": _protocol(told), "frame": plain_text(frame), "rows": rows}
+        return await self._asked({"build": frame}, "build", given)
+
+    async def _asked(self, head: Message, do: str, given: Message, quick: bool = False) -> Message:
+        """Return the answer of a process about the text of this session after a head, or why there is no answer."""
+        if self._file is None:
+            raise ValueError("this is no message")
+        try:
+            path = self.board.folder.path_of(self._file.name)
+            found = await self.board.workers.ask({"do": do, "path": str(path), "text": self._text, **given}, quick)
+        except (EditRefusedError, WorkError) as error:
+            return {**head, "why": str(error)}
+        return {**head, **found}
+
+
+def _protocol(told: Told) -> str:
+    """Return the name of a protocol in a message. Raises ValueError."""
+    return plain_text(told.get("protocol"))
+
+
+def _text(given: Any) -> str:
+    """Return a text of a file from a message. Raises ValueError."""
+    if not isinstance(given, str) or len(given) > LARGEST_TEXT:
+        raise ValueError("this is no message")
+    return given
+
+
+def _is_row(row: Any) -> bool:
+    """Return whether a value of a message is a row of a form: a path and a text."""
+    match row:
+        case [[*steps], str()]:
+            return 0 < len(steps) <= 32 and all(isinstance(step, str) for step in steps)
+    return False
