@@ -29,6 +29,25 @@ Event = Literal["begins", "loses", "ends", "note"]
 """`note`: an event that does not last, such as a jump of the clock."""
 
 
+REMEDIES = (
+    ("no space left on device", "make room there"),
+    ("disk is full", "make room there"),
+    ("disk quota exceeded", "make room there"),
+    ("file too large", "make room there"),
+    ("does not exist", "make the folder"),
+    ("permission denied", "change its permissions"),
+    ("read-only file system", "make it writable"),
+    ("readonly database", "change its permissions"),
+)
+"""What users can do about reasons that contain a text, in lower case."""
+
+
+def remedy_of(reason: str) -> str:
+    """Return what the user can do about a reason of a system or a library; '' if it is not known."""
+    small = reason.lower()
+    return next((remedy for text, remedy in REMEDIES if text in small), "")
+
+
 class Count(NamedTuple):
     """Samples of a part: how many wait, how many are lost, and the lost values by point."""
 
@@ -158,8 +177,8 @@ class TroubleSource:
                 self._since = self._troubles.now()
                 self._lost_before = self._count().lost
         if not before:
-            effect = self._effect()
-            self._report("begins", f"{self.name}: {reason}{f' – {effect}' if effect else ''}")
+            more = "; ".join(filter(None, (remedy_of(reason), self._effect())))
+            self._report("begins", f"{self.name}: {reason}{f' – {more}' if more else ''}")
         elif before != reason:
             log.warning("%s: %s", self.name, reason)
 

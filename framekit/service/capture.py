@@ -12,6 +12,7 @@ from array import array
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
+from io import FileIO
 from pathlib import Path
 from struct import Struct
 from typing import Any, BinaryIO, Literal
@@ -25,6 +26,7 @@ from framekit.link.events import CharacterFault, LineFault, Seen
 from framekit.link.listener import Listener
 from framekit.run.trouble import Count, Troubles
 from framekit.service.behind import Behind
+from framekit.sinks.opened_file import OpenedFile
 from framekit.transport.clock import AsyncioClock, Clock
 from framekit.transport.port import LineEvent, Port, TappedPort, Way
 
@@ -303,28 +305,49 @@ def _joined(event: LineEvent, data: bytes, fault: LineFault | None) -> LineEvent
 JSON_SUFFIXES = (".json", ".jsonl", ".ndjson")
 
 
+def _appending(path: str, flags: int) -> int:
+    """Open a file so that each write goes to its end, also after another program has cut it."""
+    return os.open(path, flags | os.O_APPEND, 0o666)
+
+
 class _Sink:
     """A file of whole records.
 
-    It ends at the first record that cannot be written: a gap in a capture would be misread.
+    It ends at the first record that cannot be written: a gap in a capture would be misread. If another program moves,
+    deletes or cuts the file, the next record begins a new file.
     """
 
     def __init__(self, path: Path, head: bytes, troubles: Troubles) -> None:
         """Create the file and write its header. Raise OSError."""
         self.path = path
+        self._head = head
         self._lost = 0
-        self._size = 0
-        self._file = path.open("wb", buffering=0)
+        self._troubles = troubles
+        self._begin("w")
         self.trouble = troubles.source(
             f"capture {path}", lambda: "the capture ends here", lambda: Count(lost=self._lost), "record"
         )
+
+    def _begin(self, mode: Literal["w", "a"]) -> None:
+        """Open the file and write its header. Raise OSError."""
+        self._file = FileIO(self.path, mode, opener=_appending)
         try:
-            if self._file.write(head) < len(head):
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+            self._opened = OpenedFile(self.path)
+            if os.fstat(self._file.fileno()).st_size:
+                raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(self.path))
+            if self._file.write(self._head) < len(self._head):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self.path))
         except OSError:
             self._file.close()
             raise
-        self._size = len(head)
+        self._size = len(self._head)
+
+    def _follow_path(self) -> None:
+        """Begin a new file at the path if it is not the open file any more, or was cut. Raise OSError."""
+        if change := self._opened.change(self._size):
+            self._file.close()
+            self._begin("a")
+            self._troubles.note(self.trouble.name, change)
 
     def write(self, record: bytes, *, wait: bool = False) -> bool:
         """Write a record and return True; a sink with limited room returns False if it is full, unless `wait` is
@@ -343,12 +366,13 @@ class _Sink:
 
     def _write(self, record: bytes) -> None:
         try:
+            self._follow_path()
             written = self._file.write(record)
             if written < len(record):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         except OSError as error:
             self._lost += 1
-            with suppress(OSError):  # a reader passes over a record that is cut off
+            with suppress(OSError, ValueError):  # a reader passes over a record that is cut off
                 self._file.truncate(self._size)
             self.trouble.begins(error.strerror or str(error))
         else:

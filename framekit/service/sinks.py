@@ -22,7 +22,7 @@ from framekit.run.block_state import Failure
 from framekit.run.model import Point
 from framekit.run.points import PointTable, PointValue
 from framekit.run.status import RunStatus, SinkStatus
-from framekit.run.trouble import Count, Dropped, Troubles, TroubleSource, lasted, waiting_text
+from framekit.run.trouble import Count, Dropped, Troubles, TroubleSource, lasted, remedy_of, waiting_text
 from framekit.service.points import PointService
 from framekit.service.waiting import AT_ONCE, Waiting
 from framekit.sinks import Sink, SinkKind
@@ -163,7 +163,7 @@ class SinkFeeder:
         self._refused = Dropped()
         self._lost_server = ""
         """Reason why the sink must be opened again; '' if it need not."""
-        store = Store(Path(kind.store), kind.most) if isinstance(kind, NetworkSink) else None
+        store = Store(Path(kind.store), kind.most, self._store_has_moved) if isinstance(kind, NetworkSink) else None
         self._most = MOST_WAITING if store is None else store.most
         self._is_stored = store is not None
         name = f"sink {kind.word} {kind.target}"
@@ -339,6 +339,11 @@ class SinkFeeder:
         if self.store_trouble is not None:
             self.store_trouble.begins(problem) if problem else self.store_trouble.ends()
 
+    def _store_has_moved(self, change: str) -> None:
+        """Report that the store has begun a new file."""
+        if self.store_trouble is not None:
+            self._troubles.note(self.store_trouble.name, change)
+
     def _overflows(self) -> None:
         """Note that too many samples wait."""
         self.trouble.loses(f"{self._most:,} samples wait, from now on the oldest are dropped")
@@ -459,7 +464,8 @@ def _not_opened(kind: SinkKind, why: str) -> Problem:
     reason, _, todo = why.partition(" – ")
     file = kind.store if isinstance(kind, NetworkSink) else kind.target
     what = reason if file in reason else f"{file} cannot be opened and written: {reason}"
-    return Problem(kind.at, what, todo or "make room or change its permissions, or name another file")
+    remedy = remedy_of(reason) or "make room or change its permissions"
+    return Problem(kind.at, what, todo or f"{remedy}, or name another file")
 
 
 class TimeOfDay:

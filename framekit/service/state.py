@@ -17,7 +17,8 @@ from framekit.definition.times import NEVER
 from framekit.memory.memory import DeviceMemory, Shape, unit_bits
 from framekit.run.block_state import BlockState, Failure
 from framekit.run.trouble import Troubles
-from framekit.sinks.database import bound_log, transaction, write_once
+from framekit.sinks.database import bound_log, close_moved, transaction, write_once
+from framekit.sinks.opened_file import MOVED, OpenedFile
 from framekit.transport.clock import Clock
 
 APPLICATION = 0x464B5354
@@ -91,8 +92,19 @@ class StateFile:
         self.was_empty = False
         """Whether the file existed without content: a loss of power may have emptied it."""
         self._written: dict[str, bytes] = {}
+        self._opened: OpenedFile | None = None
+        """The open file at the path; None while the file at the path could not be opened."""
+        self._is_other = False
+        """Whether the open file has come to the path during the run: the next write replaces its whole content."""
+        self.kept = self._opened_at_path()
+
+    def _opened_at_path(self) -> KeptRun:
+        """Open the file at the path, or create it; return its content."""
+        path = self.path
         with self._errors():
             real = Path(os.path.realpath(path))
+            if not real.parent.is_dir():
+                raise StateError(f"{path}: the folder {real.parent} does not exist – make it, or name another file")
             if not os.path.lexists(real):
                 self._create(real)
             elif not stat.S_ISREG(real.stat().st_mode):
@@ -105,15 +117,38 @@ class StateFile:
         try:
             with self._errors():
                 self._open()
-                self.kept = self._load()
+                kept = self._load()
                 write_once(self._base, "user_version", VERSION)
+                self._opened = OpenedFile(path)
         except StateError:
             self._base.close()
             raise
+        return kept
+
+    def follow_path(self) -> str:
+        """Open the file at the path if it is another file than the open one, to write the whole state there.
+
+        Return the change as a message, or ''.
+        """
+        change = self.change
+        if change:
+            self.close()
+            self._opened = None
+            self._opened_at_path()
+            self._is_other = True
+        return change
+
+    @property
+    def change(self) -> str:
+        """Return how another program has changed the path, as a message, or ''."""
+        return MOVED if self._opened is None else self._opened.change()
 
     def close(self) -> None:
         """Close the file, which keeps the last written state."""
-        self._base.close()
+        if self.change:
+            close_moved(self._base, Path(os.path.realpath(self.path)))
+        else:
+            self._base.close()
 
     # ---- opening ------------------------------------------------------------------------------------------
 
@@ -218,12 +253,15 @@ class StateFile:
 
     def save(self, kept: KeptRun) -> int:
         """Write the changed pages and all blocks in one transaction; return the number of pages."""
+        written = {} if self._is_other else self._written
         pages = [
             (name, at // PAGE, content[at : at + PAGE])
             for name, content in kept.areas.items()
-            for at in _changed(self._written.get(name), content)
+            for at in _changed(written.get(name), content)
         ]
         with self._errors(), transaction(self._base):
+            if self._is_other:
+                self._base.execute("DELETE FROM pages")
             self._base.executemany("INSERT OR REPLACE INTO areas VALUES (?, ?, ?)", self.shape)
             self._base.executemany("INSERT OR REPLACE INTO pages VALUES (?, ?, ?)", pages)
             places = ", ".join("?" * 11)
@@ -231,6 +269,7 @@ class StateFile:
             self._base.execute("DELETE FROM blocks")
             self._base.executemany(f"INSERT INTO blocks ({_COLUMNS}) VALUES ({places})", rows)
         self._written.update(kept.areas)
+        self._is_other = False
         return len(pages)
 
 
@@ -261,6 +300,7 @@ class StateKeeper:
         self.states = states
         self.clock = clock
         self.every = every
+        self._troubles = troubles
         self.trouble = troubles.source(
             f"state {file.path}", lambda: "the file keeps an older state, each write is tried again", unit=""
         )
@@ -335,13 +375,15 @@ class StateKeeper:
 
     def _write(self) -> None:
         kept = self.kept()
-        if kept != self._last:
+        if kept != self._last or self.file.change:
             self._last = kept
             self._writing = self._writer.submit(self._save, kept)
 
     def _save(self, kept: KeptRun) -> bool:
         """Write the file; False when that has failed, which is reported."""
         try:
+            if change := self.file.follow_path():
+                self._troubles.note(self.trouble.name, change)
             self.file.save(kept)
         except StateError as error:
             self.trouble.begins(str(error).removeprefix(f"{self.file.path}: "))

@@ -204,7 +204,10 @@ class Waiting:
     def close(self) -> None:
         """Close the store, which keeps its samples; samples in memory only are dropped."""
         if self._store is not None:
-            self._store.close()
+            try:
+                self._store.close()
+            except STORE_ERRORS as error:
+                self._store_fails(error)
         self._memory.clear()
 
     # ---- the store ----------------------------------------------------------------------------------------

@@ -213,13 +213,13 @@ class Sink(ABC):
 def open_alone(path: Path) -> int:
     """Open a file for appending by a single process; create it if it is missing. Return the file descriptor.
 
-    Raises OSError, also while another process has the file open: two writers of one file would mix their lines.
+    Raises OSError, also while another process has the file open: two writers of one file would mix their lines. A
+    missing folder is an error, too: it may be the place of a disk that is not mounted.
     """
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except FileExistsError:
-        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR)) from None
-    file = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o644)
+        file = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o644)
+    except FileNotFoundError:
+        raise FileNotFoundError(errno.ENOENT, f"the folder {path.parent} does not exist") from None
     if sys.platform != "win32":
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import sqlite3
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 LOG_PAGES = 128
 """Pages of 4 KB in the log before SQLite moves them into the file; 1000, its default, are 4 MB for each file."""
+
+LOGS = ("-wal", "-shm")
+"""Ends of the names of the files next to an open database."""
 
 
 def connected(path: Path) -> sqlite3.Connection:
@@ -22,6 +25,19 @@ def bound_log(database: sqlite3.Connection) -> None:
     database.execute("PRAGMA synchronous = NORMAL")
     database.execute(f"PRAGMA wal_autocheckpoint = {LOG_PAGES}")
     database.execute(f"PRAGMA journal_size_limit = {4096 * LOG_PAGES}")
+
+
+def close_moved(database: sqlite3.Connection, path: Path) -> None:
+    """Close a database whose file was moved or deleted after it was opened at `path`. Raise OSError.
+
+    SQLite itself would leave the last commits in the log, which has the name of the path: they would be missing in the
+    moved file, and lie next to the next database.
+    """
+    with suppress(sqlite3.Error):  # of a connection that has failed before
+        database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
+    database.close()
+    for name in LOGS:
+        Path(f"{path}{name}").unlink(missing_ok=True)
 
 
 def write_once(database: sqlite3.Connection, setting: str, value: int) -> None:

@@ -17,7 +17,8 @@ from framekit.definition.keys import NUMBER, Form, KeyReading, key, words
 from framekit.definition.tree import Node
 from framekit.run.model import Point
 from framekit.run.points import PointValue, iso_time, nanoseconds_of, value_text
-from framekit.sinks.base import FILE, Sampled, Sink, SinkKind, as_record, good_value, open_alone
+from framekit.sinks.base import FILE, Host, Sampled, Sink, SinkKind, as_record, good_value, open_alone
+from framekit.sinks.opened_file import OpenedFile
 
 _SIZES = {"KB": 1_000, "MB": 1_000_000, "GB": 1_000_000_000}
 _ROTATE = re.compile(r"\s*([0-9]+)\s*(KB|MB|GB)\s*")
@@ -110,13 +111,16 @@ class JsonLines(FileSink):
 class LinesFile(Sink):
     """A file of complete lines: opening removes a partial line left by a crash.
 
-    Raises OSError.
+    If another program moves, deletes, replaces or cuts the file, the next row goes to the file at the path, after its
+    head row. Raises OSError.
     """
 
     def __init__(self, path: Path, rotate: Rotation | None, keep: int | None) -> None:
         self.path, self._rotate, self._keep = path, rotate, keep
+        self._host: Host | None = None
         self._points: Sequence[Point] = ()
         self._file: int | None = None
+        self._opened: OpenedFile | None = None
         self._size = 0
         self._began = ""
         self._aside: list[Path] = []
@@ -129,6 +133,9 @@ class LinesFile(Sink):
     @abstractmethod
     def lines(self, time: str, values: Sequence[PointValue]) -> Iterator[bytes]:
         """Yield the lines of a sample."""
+
+    def meet(self, host: Host) -> None:
+        self._host = host
 
     def open(self, points: Sequence[Point]) -> None:
         self._points = points
@@ -152,6 +159,20 @@ class LinesFile(Sink):
         if not data:
             self._began = ""
             self._put(head)
+        self._opened = OpenedFile(self.path)
+
+    def _follow_path(self) -> None:
+        """Open the file at the path if it is another file than the open one, or was cut."""
+        change = "" if self._file is None or self._opened is None else self._opened.change(self._size)
+        if change:
+            self.leave()
+            self._begin()
+            if self._host is not None:
+                self._host.report(change)
+
+    def leave(self) -> None:
+        """Close the file that is no longer at the path."""
+        self._let_go()
 
     def _try_room(self) -> None:
         """Write a block after the last line and remove it, to ensure space for values. Raise OSError."""
@@ -166,6 +187,7 @@ class LinesFile(Sink):
         return "" if match is None else match[0].decode()
 
     def write(self, samples: Sequence[Sampled]) -> int:
+        self._follow_path()
         waiting = bytearray()
         for count, sample in enumerate(samples):
             time = iso_time(sample.time)
@@ -212,7 +234,7 @@ class LinesFile(Sink):
     def _finish(self) -> None:
         """Close the file, and put it aside under the time of its first line."""
         self._let_go()
-        self.put_aside(re.sub(r"[-:]", "", self._began).partition(".")[0] or "before")
+        self.put_aside(stamp_of(self._began))
 
     def put_aside(self, stamp: str) -> None:
         """Rename a finished file, and delete old files beyond `keep`."""
@@ -228,6 +250,11 @@ class LinesFile(Sink):
         file, self._file = self._file, None
         if file is not None:
             os.close(file)
+
+
+def stamp_of(time: str) -> str:
+    """Return the time of a first line as a part of a file name; `before` for a file without values."""
+    return re.sub(r"[-:]", "", time).partition(".")[0] or "before"
 
 
 def name_with(path: Path, stamp: str) -> Path:

@@ -7,6 +7,7 @@ only when it is complete. After a crash the next start continues that file.
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
@@ -14,10 +15,11 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 from framekit.definition.keys import NUMBER, Form, key, words
+from framekit.definition.problems import plural
 from framekit.run.model import Point
 from framekit.run.points import PointValue
 from framekit.sinks.base import FILE, Sink, SinkKind, good_value, not_installed, value_type
-from framekit.sinks.files import LinesFile, keep_newest, name_with
+from framekit.sinks.files import LinesFile, keep_newest, name_with, stamp_of
 
 CELLS_AT_ONCE = 500_000
 """Largest number of values in memory while a file is made."""
@@ -54,40 +56,66 @@ class ParquetSink(LinesFile):
     def __init__(self, path: Path, rotate: Literal["hour", "day"], keep: int | None) -> None:
         super().__init__(path.with_name(f"{path.name}.part"), rotate, None)
         self.finished, self._most = path, keep
+        self._rows = 0
+        """Number of rows since the last Parquet file, as far as this run has made them."""
 
     def head(self) -> bytes:
         columns = [(point.name, value_type(point), point.unit) for point in self._points]
         return json.dumps({"columns": columns}, ensure_ascii=False).encode() + b"\n"
 
     def lines(self, time: str, values: Sequence[PointValue]) -> Iterator[bytes]:
+        self._rows += 1
         yield json.dumps([time, {one.name: good_value(one) for one in values}], ensure_ascii=False).encode() + b"\n"
 
     def put_aside(self, stamp: str) -> None:
         """Convert the rows to a Parquet file; they are deleted when it is complete."""
+        self._convert(self.path, stamp)
+        self.path.unlink()
+
+    def _convert(self, lines: Path | int, stamp: str) -> None:
+        """Write the rows of a file or of a file descriptor to a Parquet file, which appears complete."""
         target = name_with(self.finished, stamp)
         half = target.with_name(f"{target.name}.half")
         try:
-            write_parquet(self.path, half)
+            write_parquet(lines, half)
             half.rename(target)
         finally:
             half.unlink(missing_ok=True)
-        self.path.unlink()
+        self._rows = 0
         self._aside.append(target)
         keep_newest(self.finished, self._most, self._aside)
 
+    def leave(self) -> None:
+        """Convert the rows of a moved or deleted file, which is still open: they exist nowhere else."""
+        try:
+            if self._file is not None and self._began:
+                os.lseek(self._file, 0, os.SEEK_SET)
+                self._convert(self._file, stamp_of(self._began))
+        except (OSError, ValueError, StopIteration) as error:
+            if self._host is not None:
+                self._host.report(f"{plural(self._rows, 'row')} of the moved file were lost: {error}")
+        finally:
+            super().leave()
+
     def close(self) -> None:
         """Convert the rows of the last hour, so that its file is readable."""
-        if self._file is not None and self._began:
-            self._finish()
-        super().close()
+        try:
+            self._follow_path()
+            if self._file is not None and self._began:
+                self._finish()
+        finally:
+            super().close()
 
 
-def write_parquet(lines: Path, target: Path) -> None:
-    """Convert lines to a Parquet file, without a line that a crash has cut. Raises OSError and ValueError."""
+def write_parquet(lines: Path | int, target: Path) -> None:
+    """Convert the lines of a file, or of a file descriptor, to a Parquet file, without a line that a crash has cut.
+
+    Raises OSError and ValueError.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    with lines.open(encoding="utf-8") as source:
+    with open(lines, encoding="utf-8", closefd=isinstance(lines, Path)) as source:
         columns = json.loads(next(source))["columns"]
         types = {
             name: pa.type_for_alias(kind) if "(" not in kind else pa.decimal128(38, 0) for name, kind, _ in columns

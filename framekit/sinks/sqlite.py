@@ -16,7 +16,8 @@ from framekit.definition.keys import key
 from framekit.definition.times import NEVER
 from framekit.run.model import Point
 from framekit.sinks.base import FILE, PERIOD, Host, Sampled, Sink, SinkKind, as_glob, good_value, open_alone
-from framekit.sinks.database import bound_log, connected, transaction
+from framekit.sinks.database import bound_log, close_moved, connected, transaction
+from framekit.sinks.opened_file import OpenedFile
 
 APPLICATION = 0x464B4856
 """The application id in the SQLite header; it identifies histories of framekit."""
@@ -65,13 +66,18 @@ class SqliteHistory(SinkKind):
 
 
 class SqliteSink(Sink):
-    """Writes samples, as many as come together in one transaction. Raises sqlite3.Error, HistoryError."""
+    """Writes samples, as many as come together in one transaction. Raises sqlite3.Error, HistoryError, OSError.
+
+    If another program moves, deletes or replaces the database, the next samples go to the database at the path.
+    """
 
     def __init__(self, path: Path, keep: int | None) -> None:
         self.path, self._keep = path, keep
         self._host: Host | None = None
         self._database: sqlite3.Connection | None = None
         self._lock: int | None = None
+        self._points: Sequence[Point] = ()
+        self._opened: OpenedFile | None = None
         self._numbers: dict[str, int] = {}
         self._ages: RowAges | None = None
 
@@ -82,8 +88,9 @@ class SqliteSink(Sink):
         return time.monotonic_ns() if self._host is None else self._host.now()
 
     def open(self, points: Sequence[Point]) -> None:
+        self._points = points
         self._lock = open_alone(self.path.with_name(f"{self.path.name}.lock"))
-        was_empty = self.path.exists() and not self.path.stat().st_size
+        was_empty = self._opened is None and self.path.exists() and not self.path.stat().st_size
         try:
             self._database = database = connected(self.path)
             is_new = not _is_history(database, self.path)
@@ -93,6 +100,7 @@ class SqliteSink(Sink):
             with transaction(database):
                 for point in points:
                     database.execute(_POINT, (point.name, point.unit))
+            self._opened = OpenedFile(self.path)
             self._numbers = dict(database.execute("SELECT name, id FROM points"))
             if self._keep is not None and self._ages is None:
                 self._ages = RowAges(_last_row(database), self._keep)
@@ -102,7 +110,18 @@ class SqliteSink(Sink):
         if was_empty and self._host is not None:
             self._host.report("the file was empty, a new history begins")
 
+    def _follow_path(self) -> None:
+        """Open the database at the path if it is another file than the open one."""
+        change = "" if self._database is None or self._opened is None else self._opened.change()
+        if change:
+            self._ages = None  # its rows are those of the other file
+            self.close()
+            self.open(self._points)
+            if self._host is not None:
+                self._host.report(change)
+
     def write(self, samples: Sequence[Sampled]) -> int:
+        self._follow_path()
         database = self._database
         if database is None or not samples:
             return 0
@@ -141,7 +160,10 @@ class SqliteSink(Sink):
         if database is not None:
             if self._ages is not None and self._ages.has_rows:
                 self._remove_old(database, self._now())
-            database.close()
+            if self._opened is not None and self._opened.change():
+                close_moved(database, self.path)
+            else:
+                database.close()
         lock, self._lock = self._lock, None
         if lock is not None:
             os.close(lock)

@@ -10,7 +10,8 @@ import json
 import os
 import sqlite3
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +19,8 @@ from framekit.definition.keys import NUMBER, Form, key, ref
 from framekit.run.points import PointValue
 from framekit.run.trouble import Dropped
 from framekit.sinks.base import Sampled, SinkKind, open_alone
-from framekit.sinks.database import bound_log, connected, transaction, write_once
+from framekit.sinks.database import bound_log, close_moved, connected, transaction, write_once
+from framekit.sinks.opened_file import REPLACED, OpenedFile
 
 APPLICATION = 0x464B5746
 """The application id in the SQLite header; it identifies stores of framekit."""
@@ -65,10 +67,13 @@ class Store:
     """Samples that wait, in a file; the oldest first. Any thread may use it. Raises sqlite3.Error, OSError, StoreError.
 
     The effect of a method survives a kill of the program after its return. A loss of power may cost the last moments.
+    If another program moves or deletes the file, its samples are copied to a new file at the path, and `has_moved` is
+    called with a message.
     """
 
-    def __init__(self, path: Path, most: int) -> None:
-        self.path, self.most = path, most
+    def __init__(self, path: Path, most: int, has_moved: Callable[[str], None] = lambda change: None) -> None:
+        self.path, self.most, self._has_moved = path, most, has_moved
+        self._opened_file: OpenedFile | None = None
         self.dropped = Dropped()
         self._lock = threading.Lock()
         self._file: int | None = None
@@ -92,15 +97,52 @@ class Store:
         with self._lock:
             self._file = open_alone(self.path.with_name(f"{self.path.name}.lock"))
             try:
-                self._database = database = connected(self.path)
-                self._make(database)
-                write_once(database, "user_version", 1)
+                self._database = database = self._connected()
                 first, last = database.execute("SELECT min(number), max(number) FROM waiting").fetchone()
             except BaseException:
                 self._close()
                 raise
             self._first, self._next = (self._next, self._next) if first is None else (max(self._first, first), last + 1)
             self._kept_from = self._first if first is None else first
+
+    def _connected(self) -> sqlite3.Connection:
+        """Return the database at the path, which is made if it is missing or empty."""
+        database = connected(self.path)
+        try:
+            self._make(database)
+            write_once(database, "user_version", 1)
+            self._opened_file = OpenedFile(self.path)
+        except BaseException:
+            database.close()
+            raise
+        return database
+
+    def _follow_path(self, database: sqlite3.Connection) -> sqlite3.Connection:
+        """Return the database; if its file was moved or deleted, a new one at the path with the samples.
+
+        Raises StoreError if the path has the samples of another store; the open file is used on.
+        """
+        change = "" if self._opened_file is None else self._opened_file.change()
+        if not change:
+            return database
+        if change == REPLACED and not _is_empty_store(self.path):
+            raise StoreError(f"{self.path} was replaced – end the run, and start it again")
+        new = self.path.with_name(f".{self.path.name}.new")
+        new.unlink(missing_ok=True)
+        try:
+            with closing(connected(new)) as copy:
+                copy.executescript(_TABLE)
+                rows = database.execute("SELECT * FROM waiting WHERE number >= ?", (self._first,))
+                with transaction(copy):
+                    copy.executemany("INSERT INTO waiting VALUES (?, ?, ?)", rows)
+            new.replace(self.path)
+        finally:
+            new.unlink(missing_ok=True)
+        self._database = None
+        close_moved(database, self.path)
+        self._database, self._kept_from = self._connected(), self._first
+        self._has_moved(change)
+        return self._database
 
     def _make(self, database: sqlite3.Connection) -> None:
         try:
@@ -119,7 +161,7 @@ class Store:
     def add(self, samples: Sequence[Sampled]) -> None:
         """Add samples, oldest first, all or none; the oldest of too many are dropped and counted."""
         with self._lock:
-            database = self._opened()
+            database = self._follow_path(self._opened())
             first, following = self._first, self._next + len(samples)
             rows = ((self._next + at, one.time, _text_of(one.values)) for at, one in enumerate(samples))
             gone: list[tuple[int, str]] = []
@@ -168,14 +210,32 @@ class Store:
         """Close the file, which keeps its samples; does not wait long for a disk that hangs."""
         if self._lock.acquire(timeout=LONGEST_CLOSE):
             try:
-                self._close()
+                if self._database is not None:
+                    self._follow_path(self._database)
+            except (sqlite3.Error, OSError, StoreError):
+                self._drop_all()
+                raise
             finally:
+                self._close()
                 self._lock.release()
+
+    def _drop_all(self) -> None:
+        """Count the samples of a moved file as lost: the next run does not find them."""
+        if self._database is None:
+            return
+        with suppress(sqlite3.Error):
+            rows = self._database.execute("SELECT number, points FROM waiting WHERE number >= ?", (self._first,))
+            for number, text in rows:
+                self.dropped.drop(number, (value.name for value in self._values_of(number, text)))
+            self._first = self._next
 
     def _close(self) -> None:
         database, self._database = self._database, None
         if database is not None:
-            database.close()
+            if self._opened_file is not None and self._opened_file.change():
+                close_moved(database, self.path)
+            else:
+                database.close()
         file, self._file = self._file, None
         if file is not None:
             os.close(file)
@@ -194,6 +254,19 @@ class Store:
         if self._database is None:
             raise StoreError(f"{self.path} is closed")
         return self._database
+
+
+def _is_empty_store(path: Path) -> bool:
+    """Return whether the database at a path is a store without samples, without touching its files.
+
+    Raise sqlite3.Error.
+    """
+    with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)) as database:
+        (application,) = database.execute("PRAGMA application_id").fetchone()
+        if application != APPLICATION:
+            return False
+        (waiting,) = database.execute("SELECT count(*) FROM waiting").fetchone()
+        return not waiting
 
 
 def _text_of(values: Sequence[PointValue]) -> str:

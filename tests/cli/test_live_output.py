@@ -256,7 +256,7 @@ def test_a_full_disk_is_reported_and_lines_wait_for_room(
     with live_output(False) as live, live.may_drop(troubles.source):
         print("one\ntwo\nthree\nfour")
         until(lambda: bool(reports))
-        assert reports == ["begins: standard output: No space left on device – lines wait"]
+        assert reports == ["begins: standard output: No space left on device – make room there; lines wait"]
         disk.room = 1_000_000
         until(lambda: len(reports) == 2)
         assert reports[1].endswith(", no line was lost")

@@ -71,7 +71,7 @@ def taken(sink: Sink, samples: Sequence[Sampled], points: Sequence[Point] = POIN
 
 
 def test_a_line_for_each_value(tmp_path: Path) -> None:
-    path = tmp_path / "new" / "rows.csv"
+    path = tmp_path / "rows.csv"
     taken(
         CsvFile(csv=str(path), at=NOWHERE).make(),
         [sample(0), sample(0.25, "state", 'a "b", c'), sample(1, value=2, quality="failed", reason="no_reply")],
@@ -298,6 +298,21 @@ def test_a_run_does_not_start_without_its_files(tmp_path: Path) -> None:
         ]
 
 
+def test_a_missing_folder_is_an_error_at_the_start(tmp_path: Path) -> None:
+    """It is not made: it may be the place of a disk that is not mounted."""
+    path = run_file(tmp_path, "{csv: log/a.csv}", "{sqlite: log/a.db}", '{mqtt: "127.0.0.1:1", store: log/b.db}')
+    run = VirtualRun(path)
+    with pytest.raises(DefinitionError) as error:
+        run.start()
+    run.stop()
+    assert not (tmp_path / "log").exists()
+    assert [str(one).partition(f"{path}:")[2] for one in error.value.problems] == [
+        f"{line}:5: {tmp_path}/log/{name} cannot be opened and written: the folder {tmp_path}/log does not exist – "
+        "make the folder, or name another file"
+        for line, name in ((8, "a.csv"), (9, "a.db"), (10, "b.db"))
+    ]
+
+
 def test_a_file_that_cannot_be_written_later_is_told_at_once_and_when_it_is_well(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:  # fmt: skip
@@ -312,7 +327,8 @@ def test_a_file_that_cannot_be_written_later_is_told_at_once_and_when_it_is_well
         assert [(one.event, one.text) for one in reports] == [
             (
                 "begins",
-                f"{name}: No space left on device – 1 sample waits, the oldest are dropped from 100,000 on",
+                f"{name}: No space left on device – make room there; 1 sample waits, "
+                "the oldest are dropped from 100,000 on",
             )
         ]
         status = run.status()

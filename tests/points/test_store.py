@@ -31,14 +31,14 @@ def opened(path: Path, most: int = 100) -> Store:
 
 
 def test_samples_come_back_as_they_were(tmp_path: Path) -> None:
-    store = opened(tmp_path / "new" / "a.db")
+    store = opened(tmp_path / "a.db")
     samples = [sample(0, value=1 << 70), sample(1, "state", "°C", "failed", "no"), sample(2, value=0.1), sample(3)]
     store.add(samples[:3])
     store.add(samples[3:])
     assert store.first(2) == (0, samples[:2])
     store.done(0, 2)
     store.close()
-    again = opened(tmp_path / "new" / "a.db")
+    again = opened(tmp_path / "a.db")
     number, found = again.first(10)
     assert found == samples[2:] and len(again) == 2
     again.done(number, 2)
@@ -262,7 +262,8 @@ def test_a_full_disk_does_not_stop_the_server(tmp_path: Path, monkeypatch: pytes
     one.stop()
     name = f"store {tmp_path}/a.db"
     assert [text for text in reports if text.startswith("store")] == [
-        f"{name}: database or disk is full – 1 sample waits in memory only, the oldest are dropped from 100,000 on",
+        f"{name}: database or disk is full – make room there; 1 sample waits in memory only, "
+        "the oldest are dropped from 100,000 on",
         f"{name}: works again after 0.0 s, no sample was lost",
     ]
 

@@ -43,7 +43,7 @@ def test_each_event_is_reported_once() -> None:
     source = troubles.source("sink csv a.csv", lambda: "values wait", lambda: count)
     source.begins("No space left on device")
     troubles.listen(lambda report: reports.append((report.event, report.text)))
-    assert reports == [("begins", "sink csv a.csv: No space left on device – values wait")]
+    assert reports == [("begins", "sink csv a.csv: No space left on device – make room there; values wait")]
     time = 90 * SECOND
     source.begins("Input/output error")
     assert [one.reason for one in troubles.present()] == ["Input/output error"] and len(reports) == 1
@@ -123,7 +123,7 @@ def test_a_full_disk_is_told_at_once_and_when_it_is_over(
     assert main(["run", run, "--virtual", "--for", "5500ms", "--status-every", "2500ms"]) == 0
     told = capsys.readouterr()
     assert told.err.splitlines() == [
-        f"sink csv {tmp_path}/every.csv: No space left on device – "
+        f"sink csv {tmp_path}/every.csv: No space left on device – make room there; "
         "1 sample waits, the oldest are dropped from 100,000 on",
         f"sink csv {tmp_path}/every.csv: works again after 2.0 s, no sample was lost",
     ]
@@ -142,7 +142,7 @@ def test_programs_hear_of_it_too(
     rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     name = f"sink csv {tmp_path}/every.csv"
     (begun,) = [row for row in rows if row["event"] == "run_trouble"]
-    text = f"{name}: No space left on device – 1 sample waits, the oldest are dropped from 100,000 on"
+    text = f"{name}: No space left on device – make room there; 1 sample waits, the oldest are dropped from 100,000 on"
     assert begun == {
         "event": "run_trouble", "time": 2.0, "what": "begins", "text": text, "name": name,
         "reason": "No space left on device", "waiting": 1, "lost": 0, "points": {},
@@ -211,7 +211,7 @@ def test_a_capture_ends_with_a_whole_record_and_counts_the_missing_ones(tmp_path
     sink._file = cast(Any, FullFile())
     run.run_for("2 s")
     run.stop()
-    assert reports == [f"capture {path}: No space left on device – the capture ends here"]
+    assert reports == [f"capture {path}: No space left on device – make room there; the capture ends here"]
     assert sizes == [size]
     (problem,) = run.problems
     assert problem.startswith(f"capture {path}: No space left on device, ") and problem.endswith(" records were lost")

@@ -161,7 +161,8 @@ def test_what_cannot_be_written_is_told_and_tried_again(tmp_path: Path, monkeypa
     bench.service.stop()
     assert bench.service.problems == []
     assert reports == [
-        f"state {tmp_path}/plant.state: the disk is full – the file keeps an older state, each write is tried again",
+        f"state {tmp_path}/plant.state: the disk is full – make room there; the file keeps an older state, "
+        "each write is tried again",
         reports[-1],
     ]
     assert reports[-1].startswith(f"state {tmp_path}/plant.state: works again after ")

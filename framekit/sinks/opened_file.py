@@ -1,0 +1,48 @@
+"""Watches the path of an open file: programs such as logrotate move, delete, replace or cut a file while it is written.
+
+The open file of a moved path still takes data, which its user would never find. So every writer of a file compares the
+file at the path with its open file before it writes; that costs one system call.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+MOVED = "the file was moved or deleted – a new file begins"
+REPLACED = "the file was replaced – the new file is continued"
+CUT = "the file was cut by another program – the rest of it is continued"
+
+
+class OpenedFile:
+    """The file at `path`, which has just been opened. A pipe or a device never changes."""
+
+    def __init__(self, path: Path) -> None:
+        """Note the identity of the file. Raise OSError."""
+        self.path = path
+        found = os.stat(path)
+        self._identity = _identity(found)
+        self._is_plain = stat.S_ISREG(found.st_mode)
+
+    def change(self, size: int = 0) -> str:
+        """Return the change of the path since then as a message, or '' for the same file with at least `size` bytes.
+
+        A path that cannot be examined, such as in a folder without permission, counts as unchanged: the open file can
+        still be written.
+        """
+        if not self._is_plain:
+            return ""
+        try:
+            found = os.stat(self.path)
+        except (FileNotFoundError, NotADirectoryError):
+            return MOVED
+        except OSError:
+            return ""
+        if _identity(found) != self._identity:
+            return REPLACED if found.st_size else MOVED
+        return CUT if found.st_size < size else ""
+
+
+def _identity(found: os.stat_result) -> tuple[int, int]:
+    return found.st_dev, found.st_ino
