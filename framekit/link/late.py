@@ -443,7 +443,11 @@ class LateReplies:
         doubt = run.doubt
         if doubt is None:
             doubt = run.doubt = Doubt(now)
-        elif doubt.restarts < MOST_RESTARTS and now - doubt.asks[-1][1] > 2 * within:
+        elif (
+            all(one.is_met for one in others)
+            and doubt.restarts < MOST_RESTARTS
+            and now - doubt.asks[-1][1] > 2 * within
+        ):
             self._count(doubt)
             run.first_open = self.count
             doubt.restart(now)
