@@ -10,6 +10,7 @@ import pytest
 from kaitai_world import needs_compiler
 from ksy_world import KSY, Description, RoundTrip, loaded, round_trip
 from shipped import APPLICATIONS, PROTOCOLS
+from spread import WHOLE, spread
 
 from framekit.api.check import check_file
 from framekit.codec.kaitai import importing
@@ -99,6 +100,13 @@ def test_exported_definitions_come_back(name: str, tmp_path: Path) -> None:
     assert come_back(name, tmp_path).imported
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("name", spread(ALL, len(ALL), first=len(ALL), part=3))
+def test_more_exported_definitions_come_back(name: str, tmp_path: Path) -> None:
+    come_back(name, tmp_path)
+
+
+@pytest.mark.skipif(not WHOLE, reason="FRAMEKIT_WHOLE asks for it: 100 s")
 @pytest.mark.long(minutes=5)
 def test_all_exported_definitions_come_back_as_the_page_says(tmp_path: Path) -> None:
     sums: Counter[str] = Counter()

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from spread import spread
+from spread import WHOLE, spread
 
 from framekit.api.draft import write_definition
 from framekit.api.guess import guess, reading_of
@@ -37,9 +37,13 @@ def test_each_recording_has_its_truth_and_its_row() -> None:
     assert sum(path.stat().st_size for path in FOLDER.glob("*.pcap")) < 300_000
 
 
+DEAR = {"mbpoll-tcp", "melsec-4e", "melsec-3e-ascii", "fins-tcp"}
+"""Recordings that take 10 s each and have a length before the body, as two others have: tried when all is asked for."""
+
+
 @pytest.mark.long
 def test_first_frames_and_damaged_ones() -> None:
-    marks = [one[3] for name in TRUTHS for one in all_of((name, 1))]
+    marks = [one[3] for name in TRUTHS if WHOLE or name not in DEAR for one in all_of((name, 1))]
     assert sum(one.framing for one in marks) >= 0.98 * len(marks)
     for known in ([one.check for one in marks], [one.length for one in marks]):
         assert sum(bool(one) for one in known) >= 0.98 * sum(one is not None for one in known)
