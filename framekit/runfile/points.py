@@ -147,6 +147,10 @@ class PointsLoader:
         self.unread = unread
         self.reader, self.folder, self.grammar, self.channels = reader, folder, grammar, channels
         self.attempts = Attempts()
+        self.names: list[str] = []
+        """The names of all points, also of those with errors."""
+        self.is_complete = True
+        """Whether no point has an error."""
         self._grammars: dict[int, AddressGrammar] = {}
         self._cycles = {
             block.id: trigger.period for block in blocks for trigger in block.triggers if isinstance(trigger, Every)
@@ -169,6 +173,7 @@ class PointsLoader:
             if group.keys is not None:
                 own[id(group.keys)] = group.keys
             name = f"{group.prefix}.{entry.key.text}" if group.prefix else entry.key.text
+            self.names.append(name)
             with self.reader.going_on():
                 one = self._point(name, entry, group)
                 if name in found:
@@ -180,8 +185,9 @@ class PointsLoader:
         for number, keys in own.items():
             if number not in on_channel:
                 self._useless(keys, [(key, NOT_READ) for key in ("every", "station") if key in keys])
+        self.is_complete = len(found) == len(self.names)
         if any(not problem.warning for problem in self.reader.problems):
-            return (), [], 0
+            return tuple(one if isinstance(one, Point) else one.point for one in found.values()), [], 0
         asked = [one for one in found.values() if isinstance(one, PointRead)]
         blocks, read, words = planned(asked, self.channels)
         points = {name: one for name, one in found.items() if isinstance(one, Point)} | read
@@ -230,14 +236,12 @@ class PointsLoader:
         """Return one point. Check all its keys before raising Broken for the invalid ones."""
         reader, keys = self.reader, self.reader.mapping(entry.value)
         self.attempts.spoilt = False
-        channel = self._channel(keys, group)
-        call = None
-        if "call" in keys:
-            call, form = self._call(keys, channel, entry)
-            text = f"{call.service} {call.result}"
-            address = Address(POINTS_AREA, form.carrier, 0, text, {})
-        else:
-            text, address, form = self._addressed(keys, channel, entry)
+        channel = self.attempts.to(lambda: self._channel(keys, group))
+        place = None if self.attempts.spoilt else self.attempts.to(lambda: self._placed(keys, channel, entry))
+        if place is None:
+            self._look_at_rest(keys, group)
+            raise Broken(name)
+        text, address, form, call = place
         every = self._time(keys, group, "every") or EVERY
         stale = self._time(keys, group, "stale")
         numeric = form.type != "string"
@@ -265,6 +269,32 @@ class PointsLoader:
         if self.attempts.spoilt:
             raise Broken(name)
         return point if channel is None else PointRead(point, address, every, call)
+
+    def _placed(
+        self, keys: Mapping, channel: Channel | None, entry: Entry
+    ) -> tuple[str, Address, Typed, PointCall | None]:
+        """Return the address of a point as written and parsed, the form of its value, and its call. Raise Broken."""
+        if "call" not in keys:
+            return *self._addressed(keys, channel, entry), None
+        call, form = self._call(keys, channel, entry)
+        text = f"{call.service} {call.result}"
+        return text, Address(POINTS_AREA, form.carrier, 0, text, {}), form, call
+
+    def _look_at_rest(self, keys: Mapping, group: _Group) -> None:
+        """Note problems of the keys of a point that need neither its channel nor its address."""
+        node = keys.get("type")
+        numeric = node is None or self.reader.text(node) != "string"
+        for read in (
+            lambda: self._time(keys, group, "every"),
+            lambda: self._time(keys, group, "stale"),
+            lambda: self._scaling(keys, numeric),
+            lambda: self._number_of(keys, "decimals", numeric, self.reader.number),
+            lambda: self._names(keys),
+            lambda: self._number_of(keys, "deadband", numeric, self._exact),
+            lambda: self._limits(keys),
+        ):
+            with self.reader.going_on():
+                read()
 
     def _typed(self, keys: Mapping) -> tuple[str | None, str | None, int | None]:
         """Return `type`, `order` and `size` of a point. Raise Broken."""

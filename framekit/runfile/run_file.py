@@ -49,6 +49,7 @@ from framekit.runfile.devices import check_profile, start_values
 from framekit.runfile.fleet import read_fleet
 from framekit.runfile.job_profiles import load_job_profile
 from framekit.runfile.points import PointsLoader
+from framekit.runfile.ports import doubled_ports
 from framekit.runfile.sinks import SinksLoader
 from framekit.runfile.transfers import OwnPlaces
 
@@ -125,10 +126,14 @@ class RunLoader:
         named, reads, points_words = points.load(self.root.get("points"))
         state = self.reader.maybe(lambda node: read_state(self.reader, node, profile), self.root.get("state"))
         status = self.reader.flag(self.root.get("status"), default=True)
+        written = named if points.is_complete else None
+        sinks = SinksLoader(self.reader, self.path, written, points.names, "" if state is None else state.file)
+        sink_kinds = sinks.load(self.root.get("sinks"))
+        fleet = self.reader.maybe(lambda node: read_fleet(self.reader, node, self.path.parent), self.root.get("fleet"))
+        self.reader.problems.extend(doubled_ports(channels.values(), sink_kinds))
         if profile is None:
             raise Broken("memory")
         self._look_at(found, channels, profile, status)
-        sinks = SinksLoader(self.reader, self.path, named, "" if state is None else state.file)
         return RunModel(
             name=self._text("run"),
             about=self._text("about"),
@@ -138,11 +143,9 @@ class RunLoader:
             blocks=(*found, *reads),
             sets=sets,
             points=named,
-            sinks=sinks.load(self.root.get("sinks")),
+            sinks=sink_kinds,
             files=tuple(sinks.taken),
-            fleet=self.reader.maybe(
-                lambda node: read_fleet(self.reader, node, self.path.parent), self.root.get("fleet")
-            ),
+            fleet=fleet,
             points_words=points_words,
             folder=str(self.path.parent),
             state=state,

@@ -30,12 +30,18 @@ def _of_period(kind: SinkKind) -> Iterator[tuple[str, str, str]]:
 
 
 class SinksLoader:
-    """Reads the sinks of the run in the file `path`. `state`: the file in which the run stores its state, if any."""
+    """Reads the sinks of the run in the file `path`.
 
-    def __init__(self, reader: Reader, path: Path, points: Sequence[Point], state: str = "") -> None:
+    `points`: its points, or None if some are wrong; `names`: the names of all points. `state`: the file in which the
+    run stores its state, if any.
+    """
+
+    def __init__(
+        self, reader: Reader, path: Path, points: Sequence[Point] | None, names: Sequence[str], state: str = ""
+    ) -> None:
         self.reader, self.folder, self.points = reader, path.parent, points
         folder, self.name = path.parent, path.name.removesuffix(path.suffix).removesuffix(".run")
-        self.names = [point.name for point in points]
+        self.names = names
         self.taken: dict[str, str] = {os.path.abspath(folder / state): "where the state is kept"} if state else {}
 
     def load(self, node: Node | None) -> tuple[SinkKind, ...]:
@@ -44,7 +50,7 @@ class SinksLoader:
         for item in self.reader.items(node):
             with self.reader.going_on():
                 found.append(self._sink(self.reader.mapping(item)))
-        if node is not None and not self.names and all(one.warning for one in self.reader.problems):
+        if node is not None and not self.names and self.points is not None:
             self.reader.note(node.at, "the run has no points whose values could go there", "add points:")
         return tuple(found)
 
@@ -54,7 +60,9 @@ class SinksLoader:
             raise Broken("the schema has told that this is no sink")
         kind = read_part(SINKS[words[0]], self, keys)
         self.reader.problems.extend(without_effect(entry, f"in a sink of {words[0]}") for _, entry in unread(keys))
-        wrong = [*_of_period(kind), *kind.mistakes(self.points)]
+        wrong = [*_of_period(kind), *kind.mistakes()]
+        if self.points is not None:
+            wrong += kind.mistakes_with(self.points)
         if isinstance(kind, NetworkSink):
             wrong += kind.mistakes_of_store()
             if not kind.store:
@@ -64,9 +72,9 @@ class SinksLoader:
         return kind
 
     def file(self, node: Node) -> str:
-        """Return the path of a file that no other part of the run uses; a relative name counts from the run's folder.
+        """Return the path of a file; a relative name counts from the run's folder. Raise Broken for no file name.
 
-        Raises Broken.
+        Note if another part of the run uses it.
         """
         name = self.reader.text(node).strip()
         if not name:
@@ -76,19 +84,19 @@ class SinksLoader:
         return self._own_file(name, node.at, "name another file")
 
     def _own_file(self, name: str, at: Position, todo: str) -> str:
-        """Return the path of a file that no other part of the run uses. Raises Broken."""
+        """Return the path of a file; note if another part of the run uses it."""
         path = self.folder / name
         whole = os.path.abspath(path)
         if whole in self.taken:
-            raise self.reader.broken(at, f"'{name}' is {self.taken[whole]} already", todo)
-        self.taken[whole] = f"the file of a sink in line {at.line}"
+            self.reader.note(at, f"'{name}' is {self.taken[whole]} already", todo)
+        self.taken.setdefault(whole, f"the file of a sink in line {at.line}")
         return str(path)
 
     def patterns(self, node: Node) -> tuple[str, ...]:
-        """Return names of points, with `*` for any text. Raises Broken for a pattern that matches no point."""
+        """Return names of points, with `*` for any text. Note patterns that match no point."""
         found = self.reader.texts(node)
         for item, pattern in zip(self.reader.items(node), found, strict=True):
             if self.names and not any(fits(pattern, name) for name in self.names):
                 hint = did_you_mean(pattern, self.names)
-                raise self.reader.broken(item.at, f"no point is called '{pattern}'", hint)
+                self.reader.note(item.at, f"no point is called '{pattern}'", hint)
         return found

@@ -49,13 +49,13 @@ class DeviceStore:
 
     With `access` it uses that memory and none of its own, with `server` another server answers; frames, bytes and
     services of all connections are counted in `link`, `load` and `counters`, if they are given. `writes`: the log of
-    writes with their clients, if that log is on.
+    writes with their clients, if that log is on. `is_trial`: the device only measures exchanges, and logs no writes.
     """
 
     def __init__(
         self, device: Device, clock: Clock, of_line: FaultPlan | None = None, *, access: AddressedMemory | None = None,
         server: RequestHandler | None = None, link: LinkCounters | None = None, load: LineLoad | None = None,
-        counters: ServiceCounters | None = None, writes: WriteLog | None = None,
+        counters: ServiceCounters | None = None, writes: WriteLog | None = None, is_trial: bool = False,
     ) -> None:  # fmt: skip
         self.writes = writes
         self.device = device
@@ -69,7 +69,7 @@ class DeviceStore:
         plan = of_line if device.faults is None else device.faults.joined(of_line)
         self.faults = None if plan is None else self._injector(plan, codec)
         if server is None:
-            self.writes = writes = begun_log(device.name, device.protocol)
+            self.writes = writes = None if is_trial else begun_log(device.name, device.protocol)
             refuses = None if self.faults is None else self.faults.refusal
             server = MemoryServer(
                 device.protocol, codec, self.memory, mapping=device.mapping,

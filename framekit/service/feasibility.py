@@ -29,7 +29,7 @@ from framekit.run.scheduler import Scheduler
 from framekit.run.triggers import Condition, Every
 from framekit.runfile.devices import Device, memory_of, put_values
 from framekit.service.channel import ChannelOwner, ChannelService
-from framekit.service.device import DeviceService
+from framekit.service.device import DeviceService, DeviceStore
 from framekit.transport.clock import VirtualClock
 from framekit.transport.simulated_line import SimulatedLine, Transmission
 
@@ -385,7 +385,9 @@ class SimulatedChannel:
                 name=str(station), protocol=protocol, role=role, own=station, params=self.channel.params, areas=areas,
                 grammar=grammar, profile=None, mapping={}, initial=(),
             )  # fmt: skip
-            found.append(DeviceService(device, self.line.port(device.name), self.clock, self.channel.line))
+            store = DeviceStore(device, self.clock, is_trial=True)
+            port = self.line.port(device.name)
+            found.append(DeviceService(device, port, self.clock, self.channel.line, store=store))
         return found
 
     # ---- exchanges ----------------------------------------------------------------------------------------

@@ -136,8 +136,12 @@ class SinkKind(ABC):
         """Return the address and port on which it listens, or None."""
         return None
 
-    def mistakes(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
-        """Return the mistakes of a sink in a run with these points: key ('' for the whole sink), fault, remedy."""
+    def mistakes(self) -> Iterator[tuple[str, str, str]]:
+        """Return the mistakes in the keys of the sink: key ('' for the whole sink), fault, remedy."""
+        yield from ()
+
+    def mistakes_with(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
+        """Return the mistakes of the sink in a run with these points, as `mistakes` does."""
         yield from ()
 
 

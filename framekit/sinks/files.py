@@ -73,7 +73,7 @@ class FileSink(SinkKind):
     )  # fmt: skip
     keep: int | None = key("keep", NUMBER, "So many of the files before it are kept; default: all.", default=None)
 
-    def mistakes(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
+    def mistakes(self) -> Iterator[tuple[str, str, str]]:
         if self.keep is not None and self.rotate is None:
             yield "keep", "'keep' has no effect: there is one file, and nothing before it", "add rotate: day"
         elif self.keep is not None and self.keep < 1:

@@ -81,7 +81,7 @@ class Influx(NetworkSink):
     password: Secret | None = key("password", SECRET, "Where the password stands: env:NAME or file:NAME.", default=None)
     measurement: str = key("measurement", TEXT, "What the lines begin with; default: the run's name.", default="")
 
-    def mistakes(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
+    def mistakes(self) -> Iterator[tuple[str, str, str]]:
         if not self.bucket and not self.database:
             yield "", "it does not say where values go", "add bucket: (version 2 and later) or database: (version 1)"
         for name, other in (("org", "bucket"), ("token", "bucket"), ("user", "database"), ("password", "user")):

@@ -89,12 +89,14 @@ class Mqtt(BrokerSink):
         "it was changed there.", default="",
     )  # fmt: skip
 
-    def mistakes(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
+    def mistakes(self) -> Iterator[tuple[str, str, str]]:
         yield from mistakes_of_access(self.access)
         if "{point}" not in self.topic:
             yield "topic", "all points would have one topic", "write {point} into it"
         if "{point}" in self.status:
             yield "status", "the status is that of the run, not of a point", "leave {point} out"
+
+    def mistakes_with(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
         if "{point}" in self.topic and "{point}" not in self.status:
             selected = [point for point in points if any(fits(pattern, point.name) for pattern in self.points)]
             problem = self.one_topic_for_two(selected)

@@ -60,7 +60,7 @@ class Opcua(SinkKind):
     def listens(self) -> tuple[str, int]:
         return self.opcua
 
-    def mistakes(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
+    def mistakes(self) -> Iterator[tuple[str, str, str]]:
         yield from not_installed("asyncua", "asyncua")
         if bool(self.certificate) != bool(self.private_key):
             given, missing = ("certificate", "private_key") if self.certificate else ("private_key", "certificate")

@@ -16,7 +16,6 @@ from typing import Any, ClassVar, Literal
 
 from framekit.definition.keys import NUMBER, Form, key, words
 from framekit.definition.problems import plural
-from framekit.run.model import Point
 from framekit.run.points import PointValue
 from framekit.sinks.base import FILE, Sink, SinkKind, good_value, not_installed, value_type
 from framekit.sinks.files import LinesFile, keep_newest, name_with, stamp_of
@@ -41,7 +40,7 @@ class ParquetFiles(SinkKind):
     )  # fmt: skip
     keep: int | None = key("keep", NUMBER, "So many finished files are kept; default: all.", default=None)
 
-    def mistakes(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
+    def mistakes(self) -> Iterator[tuple[str, str, str]]:
         yield from not_installed("pyarrow", "pyarrow")
         if self.keep is not None and self.keep < 1:
             yield "keep", "nothing would be kept", "give 1 or more, or leave keep out"

@@ -69,7 +69,7 @@ class Postgres(NetworkSink):
     user: str = key("user", TEXT, "The user's name.", default="")
     password: Secret | None = key("password", SECRET, "Where the password stands: env:NAME or file:NAME.", default=None)
 
-    def mistakes(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
+    def mistakes(self) -> Iterator[tuple[str, str, str]]:
         yield from not_installed("psycopg", "psycopg")
         if self.password is not None and not self.user:
             yield "password", "'password' has no effect without user", "add user:, or remove it"

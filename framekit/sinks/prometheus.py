@@ -43,7 +43,7 @@ class Prometheus(SinkKind):
     def listens(self) -> tuple[str, int]:
         return self.prometheus
 
-    def mistakes(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
+    def mistakes(self) -> Iterator[tuple[str, str, str]]:
         yield from not_installed("prometheus-client", "prometheus_client")
         if self.every is not None:
             yield "every", "'every' has no effect: Prometheus fetches the values when it wants to", "remove it"

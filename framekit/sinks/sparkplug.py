@@ -202,9 +202,11 @@ class Sparkplug(BrokerSink):
         "yes: node commands write points that have access: rw. Default: no.", default=False,
     )  # fmt: skip
 
-    def mistakes(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
+    def mistakes(self) -> Iterator[tuple[str, str, str]]:
         yield from mistakes_of_access(self.access)
         yield from not_installed("protobuf", "google.protobuf")
+
+    def mistakes_with(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
         if self.commands and not any(point.is_writable for point in points):
             yield "commands", "'commands' has no effect: no point can be written", "give one access: rw, or remove it"
 

@@ -55,7 +55,7 @@ class SqliteHistory(SinkKind):
     sqlite: str = key("sqlite", FILE, "A database of SQLite with a table history.")
     keep: int | None = key("keep", PERIOD, "How long values are kept there; default: for ever.", default=None)
 
-    def mistakes(self, points: Sequence[Point]) -> Iterator[tuple[str, str, str]]:
+    def mistakes(self) -> Iterator[tuple[str, str, str]]:
         if self.keep is not None and self.keep < 1:
             yield "keep", "nothing would be kept", "give 1 or more, or leave keep out"
         elif self.keep is not None and self.keep >= NEVER:

@@ -50,6 +50,8 @@ class Scheme:
     """Whether the line has wires, and thus a type, duplex, direction, echo and handshake."""
     names_host: bool = False
     """Whether the URL contains the host to connect to."""
+    exclusive: bool = False
+    """Whether only one channel can have it open, such as a serial device; connections to a host may be several."""
     served: bool = False
     """Whether only servers can open it, since other programs learn the path of the port from the server."""
     placed: Callable[[str, Path], str] | None = None
@@ -120,7 +122,7 @@ def _open_pty(url: str, settings: LineFormat | None, clock: AsyncioClock, wiring
 
 
 SCHEMES: dict[str, Scheme] = {
-    "": Scheme(form="a device such as /dev/ttyUSB0 or COM3", open=_open_serial, wires=True),
+    "": Scheme(form="a device such as /dev/ttyUSB0 or COM3", open=_open_serial, wires=True, exclusive=True),
     "tcp": Scheme(form="tcp://HOST:PORT", open=_open_tcp, listen=_listen_tcp, names_host=True),
     "tcp-listen": Scheme(form="tcp-listen://HOST:PORT", listen=_listen_tcp),
     "tls": Scheme(form="tls://HOST:PORT", open=_open_tls, listen=_listen_tls, names_host=True, placed=_tls_in),
@@ -130,7 +132,7 @@ SCHEMES: dict[str, Scheme] = {
 }
 PYSERIAL = ("loop", "socket", "rfc2217", "spy", "hwgrep", "alt")
 for _name in PYSERIAL:
-    SCHEMES[_name] = Scheme(form=f"{_name}://", open=_open_serial, wires=True)
+    SCHEMES[_name] = Scheme(form=f"{_name}://", open=_open_serial, wires=True, exclusive=_name in ("spy", "alt"))
 
 
 # ---- finding and using ports -----------------------------------------------------------------------------------

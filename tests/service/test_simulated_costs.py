@@ -50,6 +50,13 @@ def test_pause_and_answer_time_are_counted(tmp_path: Path) -> None:
     assert longer.bytes == plain.bytes == 16
 
 
+def test_measuring_logs_no_writes(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """A run with `--log info` measures its exchanges first: they write into no real device."""
+    with caplog.at_level("INFO", "framekit"):
+        found = costs(tmp_path, RTU, 'write: "40005", values: [0], once: yes')[0]
+    assert found.frames == 2 and caplog.messages == []
+
+
 def test_a_broadcast_has_no_answer(tmp_path: Path) -> None:
     found = costs(tmp_path, RTU, 'write: "40001", values: [1], station: 0, once: yes')[0]
     assert (found.bytes, found.frames, found.doubt) == (8, 1, "")
