@@ -40,8 +40,9 @@ SECTIONS: dict[str, list[str]] = {
     ],
     "Reference": [
         "docs/reference.md", "docs/segments.md", "docs/cli.md", "docs/python-api.md", "docs/error-codes.md",
+        "docs/glossary.md",
     ],
-    "How it works": ["docs/architecture.md", "docs/receiver.md", "docs/performance.md", "docs/extending.md"],
+    "How it works": ["docs/architecture.md", "docs/receiver.md", "docs/performance.md", "docs/extending.md", "CONTRIBUTING.md"],
     "Protocols": sorted(str(page.relative_to(ROOT)) for page in ROOT.glob("docs/protocols/*.md")),
 }  # fmt: skip
 """Where a page stands in the site. One that is not named here comes last, under More."""
@@ -65,6 +66,8 @@ def lay_out(pages: Path) -> None:
             place.parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(ROOT / file, place)
     shutil.copy(ROOT / "README.md", pages / "index.md")
+    for file in ("CONTRIBUTING.md", "SECURITY.md"):
+        shutil.copy(ROOT / file, pages / file)
     tests = pages / "tests"  # pages name a few tests
     for page in pages.glob("docs/**/*.md"):
         for target in ROOT.glob("tests/**/*.py"):

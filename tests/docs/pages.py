@@ -9,7 +9,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-PAGES = [ROOT / "README.md", ROOT / "examples" / "README.md", *sorted(DOCS.glob("**/*.md"))]
+TOP = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "SECURITY.md"]
+PAGES = [*TOP, ROOT / "examples" / "README.md", *sorted(DOCS.glob("**/*.md"))]
 GUIDE = [DOCS / "language.md", *sorted((DOCS / "language").glob("*.md"))]
 """The guide to the language: pages that people read from top to bottom."""
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
