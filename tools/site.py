@@ -42,7 +42,9 @@ SECTIONS: dict[str, list[str]] = {
         "docs/reference.md", "docs/segments.md", "docs/cli.md", "docs/python-api.md", "docs/error-codes.md",
         "docs/glossary.md",
     ],
-    "How it works": ["docs/architecture.md", "docs/receiver.md", "docs/performance.md", "docs/extending.md", "CONTRIBUTING.md"],
+    "How it works": [
+        "docs/architecture.md", "docs/receiver.md", "docs/performance.md", "docs/extending.md", "CONTRIBUTING.md",
+    ],
     "Protocols": sorted(str(page.relative_to(ROOT)) for page in ROOT.glob("docs/protocols/*.md")),
 }  # fmt: skip
 """Where a page stands in the site. One that is not named here comes last, under More."""
