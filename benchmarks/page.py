@@ -23,8 +23,8 @@ from typing import Any
 from framekit.api.monitor import FrameLog
 from framekit.api.run import AsyncRun, view_of
 from framekit.extras.web.access import Access
+from framekit.extras.web.board import VALUES_EVERY, WebBoard
 from framekit.extras.web.server import WebServer
-from framekit.extras.web.session import VALUES_EVERY, WebBoard
 from framekit.extras.web.shown import shown_run
 
 CHANNELS, BLOCKS, POINTS = 8, 64, 2_000

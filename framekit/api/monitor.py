@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from framekit.api.errors import LineClosedError, RequestError
-from framekit.api.rows import FAULTY, FieldRow, FrameEntry, ascii_of
+from framekit.api.rows import FAULTY, FieldRow, FrameEntry, ascii_of, inner_names
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.codec.plain import PlainValues
 from framekit.definition.model.protocol import Protocol
@@ -71,14 +71,19 @@ class FrameFilter:
             return False
         if self.bad_only and seen.kind not in FAULTY:
             return False
-        if self.frame and self.frame.lower() not in seen.frame.lower():
+        if self.frame and not any(self.frame.lower() in name.lower() for name in _names(seen)):
             return False
         return not self.text or self._found(seen)
 
     def _found(self, seen: Seen) -> bool:
         wanted = self.text.lower()
-        texts = (seen.frame, seen.kind, seen.reason, seen.raw.hex(" "), seen.raw.hex(), ascii_of(seen.raw))
+        texts = (*_names(seen), seen.kind, seen.reason, seen.raw.hex(" "), seen.raw.hex(), ascii_of(seen.raw))
         return any(wanted in text.lower() for text in texts)
+
+
+def _names(seen: Seen) -> tuple[str, ...]:
+    """Return the names of a frame and of the frames inside it."""
+    return (seen.frame, *inner_names(seen.fields))
 
 
 def parse_filter(text: str, bad_only: bool) -> FrameFilter:

@@ -19,6 +19,7 @@ from framekit.codec.shown import shown
 from framekit.definition.problems import did_you_mean, no_such
 from framekit.run.behaviours import number_of
 from framekit.run.block_state import Failure
+from framekit.run.model import RunModel
 from framekit.run.points import PointValue, value_text
 from framekit.run.points import Quality as Quality
 from framekit.run.points import iso_time as iso_time
@@ -28,7 +29,8 @@ from framekit.runfile.vendor_tables import label_of
 from framekit.runfile.vendor_tables import read_vendor_table as read_vendor_table
 from framekit.service.points import PointService, Written
 from framekit.sinks.base import fits
-from framekit.sinks.sqlite import HistoryError, HistoryRow, SqliteHistory, read_history
+from framekit.sinks.sqlite import Course as Course
+from framekit.sinks.sqlite import HistoryError, HistoryRow, SqliteHistory, read_course, read_history
 
 Do = Callable[[Callable[[], Any]], Any]
 """Call a function in the thread of the run and return its result."""
@@ -102,6 +104,14 @@ class RunPoint:
         point = self._point
         station = "" if point.station is None else f" station {shown(point.station)}"
         return point.address if point.channel is None else f"ch {point.channel}{station} {point.address}"
+
+    @property
+    def group(self) -> str:
+        """Return the source of the point: its channel and station, or the memory."""
+        point = self._point
+        if point.channel is None:
+            return "memory"
+        return f"channel {point.channel}" + ("" if point.station is None else f", station {shown(point.station)}")
 
     @property
     def is_writable(self) -> bool:
@@ -244,11 +254,28 @@ def history_of(
             if not any(fits(pattern, name) for name in names):
                 hint = did_you_mean(pattern, names) or f"known: {', '.join(names[:10])}"
                 raise RequestError(f"no point of {path} is called '{pattern}' – {hint}")
-        found = [Path(sink.sqlite) for sink in run.sinks if isinstance(sink, SqliteHistory)]
-        if not found:
+        stored = history_file(run)
+        if stored is None:
             raise RequestError(f"{path} has no sqlite sink – add it, or name a file of one")
-        path = found[0]
+        path = stored
     try:
         yield from read_history(path, points, since, until)
     except (HistoryError, sqlite3.Error) as error:
         raise RequestError(f"{path}: {error}" if isinstance(error, sqlite3.Error) else str(error)) from None
+
+
+def history_file(run: RunModel) -> Path | None:
+    """Return the file of the first sqlite sink of a run; None if the run has none."""
+    return next((Path(sink.sqlite) for sink in run.sinks if isinstance(sink, SqliteHistory)), None)
+
+
+def course_of(path: Path, point: RunPoint, since: int, until: int, steps: int) -> Course:
+    """Return the stored numbers of a point between two times (ns since 1970); see `Course`. Raise RequestError.
+
+    It reads the file and may take seconds: call it in a thread of its own.
+    """
+    words = {word: float(number) for number, word in point.names.items()}
+    try:
+        return read_course(path, point.name, words, since, until, steps)
+    except (HistoryError, sqlite3.Error) as error:
+        raise RequestError(str(error)) from None

@@ -77,18 +77,36 @@ LONGEST_VALUE = 40
 """Maximum number of characters of a value in a line of fields."""
 
 
-def fields_text(fields: Mapping[str, Any]) -> str:
-    """Return the fields of a frame in one line, `station=1 read_holding address=0 count=2`; inner frames by name."""
+def inner_frame(value: Any) -> tuple[str, dict[str, Any]] | None:
+    """Return the name and the fields of an inner frame, `{name: {field: value}}`; None for any other value."""
+    name, fields = next(iter(value.items())) if isinstance(value, dict) and len(value) == 1 else ("", None)
+    return (name, fields) if isinstance(fields, dict) else None
+
+
+def inner_names(fields: Mapping[str, Any]) -> list[str]:
+    """Return the names of the frames inside a frame, outer frames first."""
+    found: list[str] = []
+    for value in fields.values():
+        if (inner := inner_frame(value)) is not None:
+            found += [inner[0], *inner_names(inner[1])]
+    return found
+
+
+def fields_text(fields: Mapping[str, Any], named: bool = True) -> str:
+    """Return the fields of a frame in one line, `station=1 read_holding address=0 count=2`.
+
+    `named`: with the names of inner frames.
+    """
     words = []
     for name, value in fields.items():
-        inner = next(iter(value.items())) if isinstance(value, dict) and len(value) == 1 else None
-        if inner is not None and isinstance(inner[1], dict):
-            words.append(f"{inner[0]} {fields_text(inner[1])}".rstrip())
+        inner = inner_frame(value)
+        if inner is not None:
+            words.append(f"{inner[0] if named else ''} {fields_text(inner[1], named)}".strip())
             continue
         text = json.dumps(value, ensure_ascii=False) if isinstance(value, (dict, list)) else str(value)
         text = text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]} …"
         words.append(f"{name}={text!r}" if " " in text and not isinstance(value, (dict, list)) else f"{name}={text}")
-    return printable(" ".join(words))
+    return printable(" ".join(filter(None, words)))
 
 
 def what_was_seen(seen: Seen) -> str:
@@ -99,6 +117,12 @@ def what_was_seen(seen: Seen) -> str:
     if seen.kind in ("line", "open", "closed", "trouble", "not_taken"):
         return f"{seen.kind.replace('_', ' ')} {seen.reason}".rstrip()
     return seen.frame or seen.kind
+
+
+def meaning_of(seen: Seen) -> str:
+    """Return the name of the innermost frame of a good frame, such as the PDU in an ADU; else as `what_was_seen`."""
+    names = inner_names(seen.fields) if seen.kind == "frame" else []
+    return names[-1] if names else what_was_seen(seen)
 
 
 def frame_row(entry: FrameEntry, seconds: float, as_ascii: bool = False) -> tuple[str, ...]:

@@ -78,7 +78,7 @@ class WebPage:
             yield
             return
         from framekit.api.run import view_of
-        from framekit.extras.web.session import WebBoard
+        from framekit.extras.web.board import WebBoard
         from framekit.extras.web.shown import shown_run
 
         async with self.shows(WebBoard(shown_run(run, view_of(run, self.log)))):
@@ -108,7 +108,7 @@ class WebPage:
         if self.server is None or self._view is None:
             yield
             return
-        from framekit.extras.web.session import WebBoard
+        from framekit.extras.web.board import WebBoard
         from framekit.extras.web.shown import shown_server
 
         async with self.shows(WebBoard(shown_server(devices, self._view))):

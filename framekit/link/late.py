@@ -278,6 +278,12 @@ class LateReplies:
             return True
         return any(one.station is None or one.station == station for one in self.open)
 
+    def state_at(self, now: int) -> str:
+        """Return `in step`, `holding` or `out of step`; requests whose replies can no longer come do not count."""
+        if not any(one.ends > now for one in self.open):
+            return "in step"
+        return "holding" if self.until > now else "out of step"
+
     def time_over(self) -> None:
         """End the hold. Requests that are still open make the line out of step."""
         self.until = self.strange_since = 0

@@ -53,6 +53,8 @@ class ChannelStatus:
     bytes_out: int
     load: float | None
     reopenings: int
+    step: str = "in step"
+    """`in step`; `holding` while late replies are awaited; `out of step` while replies are believed only with care."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -713,6 +713,7 @@ def _channel_status(service: RunService, at_work: ChannelService, now: int) -> C
         bytes_out=load.bytes_out,
         load=load.share(now),
         reopenings=at_work.driver.reopenings,
+        step=at_work.engine.late.state_at(now),
     )
 
 

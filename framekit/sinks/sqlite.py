@@ -6,7 +6,7 @@ import os
 import sqlite3
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +27,10 @@ CLEANING = 600_000_000_000
 """The time between two removals of old values, and before the first (ns)."""
 MOST_REMOVED = 10_000
 """Number of rows that are deleted together."""
+LONGEST_QUERY = 5.0
+"""Largest duration of a query for a course (s)."""
+CHECK_EVERY = 10_000
+"""Number of instructions of SQLite between two checks of this duration."""
 
 _TABLES = f"""
 BEGIN;
@@ -282,3 +286,67 @@ def read_history(
             given,
         )
         yield from map(HistoryRow._make, rows)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Course:
+    """The values of a point over a span of time, in steps of equal length."""
+
+    since: int
+    """Begin of the first step, in ns since 1970 (UTC)."""
+    step: int
+    """Length of a step (ns)."""
+    least: list[float | None]
+    greatest: list[float | None]
+    """Least and greatest number in each step; the number before it if the step has no value, None if it is not good."""
+
+
+_NUMBER = "CASE WHEN quality = 'good' THEN {} END"
+_STEPS = """
+SELECT (time - :since) / :step AS at, min({number}), max({number}) FROM history
+WHERE point = :point AND time >= :since AND time < :until GROUP BY at"""
+_LAST = """
+SELECT (time - :since) / :step AS at, {number}, max(time) FROM history
+WHERE point = :point AND time >= :since AND time < :until GROUP BY at"""
+_BEFORE = """
+SELECT {number} FROM history WHERE point = :point AND time < :since ORDER BY time DESC LIMIT 1"""
+
+
+def read_course(path: Path, point: str, words: Mapping[str, float], since: int, until: int, steps: int) -> Course:
+    """Return the numbers of a point between two times, at most two for each of `steps` steps.
+
+    `words`: the numbers of values that are words. Raises HistoryError for a file that holds none, and if the query
+    takes too long; sqlite3.Error.
+    """
+    if not os.path.isfile(path):
+        raise HistoryError(f"there is no {path} – has the run been started?")
+    step = max(1, -(-(until - since) // steps))
+    number = _NUMBER.format("number_of(value)" if words else "value")
+    end = time.monotonic() + LONGEST_QUERY
+    with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as database:
+        database.create_function("number_of", 1, lambda value: words.get(value, value), deterministic=True)
+        database.set_progress_handler(lambda: time.monotonic() > end, CHECK_EVERY)
+        if not _is_history(database, path):
+            raise HistoryError(f"{path} holds no history yet")
+        found = database.execute("SELECT id FROM points WHERE name = ?", (point,)).fetchone()
+        given = {"point": -1 if found is None else found[0], "since": since, "until": until, "step": step}
+        try:
+            spans = {at: (low, high) for at, low, high in database.execute(_STEPS.format(number=number), given)}
+            last = {at: value for at, value, _ in database.execute(_LAST.format(number=number), given)}
+            before = database.execute(_BEFORE.format(number=number), given).fetchone()
+        except sqlite3.OperationalError as error:
+            if time.monotonic() > end:
+                raise HistoryError("the history has too many values for this span – choose a shorter span") from None
+            raise error
+    least, greatest, value = list[float | None](), list[float | None](), None if before is None else before[0]
+    for at in range(-(-(until - since) // step)):
+        low, high = spans.get(at, (value, value))
+        least.append(_as_number(low))
+        greatest.append(_as_number(high))
+        value = last.get(at, value)
+    return Course(since=since, step=step, least=least, greatest=greatest)
+
+
+def _as_number(value: Any) -> float | None:
+    """Return a stored value as a number; None for a text, and for a value that is not good."""
+    return float(value) if isinstance(value, (int, float)) else None

@@ -13,7 +13,6 @@ import logging
 import socket
 from collections import Counter
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import uvicorn
@@ -26,6 +25,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from framekit.extras.web.access import HEADERS, Access, is_known_host, is_own_origin
+from framekit.extras.web.assets import chart_files, page_files
 from framekit.extras.web.messages import PageBoard, PageSession, as_text
 from framekit.extras.web.patience import ImpatientProtocol
 from framekit.transport.network import bracketed
@@ -34,8 +34,6 @@ from framekit.transport.network import listening_at as listening_at
 log = logging.getLogger(__name__)
 logging.getLogger("uvicorn").addHandler(logging.NullHandler())
 
-PAGE = Path(__file__).with_name("page")
-KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
 MOST_BROWSERS = 16
 MOST_BROWSERS_OF_AN_ADDRESS = 8
 MOST_CONNECTIONS = 64
@@ -85,9 +83,7 @@ class PageApp:
         self.board: PageBoard | None = None
         self.browsers: Counter[str] = Counter()
         """Connected browsers by their address."""
-        self._files = {
-            file.name: (file.read_bytes(), KINDS[file.suffix]) for file in PAGE.iterdir() if file.suffix in KINDS
-        }
+        self._files = page_files() | chart_files()
         routes = [Route(path, self._file) for path in ("/", *(f"/{name}" for name in self._files))]
         self._app = Starlette(routes=[*routes, WebSocketRoute("/live", self._live)])
         self.app: ASGIApp = Guard(self._app)

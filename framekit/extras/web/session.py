@@ -1,34 +1,31 @@
-"""The session of one browser: its filter, its updates, and its permitted actions.
+"""The session of one browser of a run or of devices: its filter, its updates, and its permitted actions.
 
 A session stores only the numbers of the rounds that the browser has seen. A slow browser misses intermediate updates.
 """
 
 from __future__ import annotations
 
-import asyncio
 import logging
-import time
 from collections.abc import Callable, Iterator, Mapping
 from itertools import islice
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from framekit import __version__
 from framekit.api.errors import FramekitError, RequestError
 from framekit.api.monitor import FrameFilter, parse_filter
 from framekit.api.points import RunPoint
-from framekit.api.rows import POINT_HEAD, FrameEntry, field_row, frame_row
-from framekit.codec.plain import PlainValues
-from framekit.codec.shown import explain
+from framekit.api.rows import POINT_HEAD, FrameEntry, field_row, meaning_of
 from framekit.definition.problems import printable
 from framekit.extras.web.access import Access, Visitor
-from framekit.extras.web.messages import LARGEST_MESSAGE, Actions, Message, Told, answered, plain_text, whole_number
-from framekit.extras.web.shown import ChangingRows, ChangingValues, PointHistory, Shown, value_cells
+from framekit.extras.web.assets import CHART
+from framekit.extras.web.messages import Actions, Message, Told, answered, plain_text, whole_number
+from framekit.extras.web.shown import value_cells
+
+if TYPE_CHECKING:
+    from framekit.extras.web.board import WebBoard
 
 log = logging.getLogger(__name__)
 
-VALUES_EVERY = 0.2
-TABLES_EVERY = 1.0
-"""Minimum interval in seconds between two reads of the points, and of the tables."""
 PIECE = 500
 """Maximum number of values or rows in one message."""
 MOST_FRAMES = 40
@@ -37,76 +34,12 @@ KEPT_FRAMES = 200
 LOOKED_AT = 1_000
 LOOKED_THROUGH = 3_000
 """Maximum number of frames compared with a filter at once: of new frames, and of earlier frames after a change."""
-LONGEST_CELL = 300
-"""Maximum length of decoded fields, in characters."""
 MOST_HISTORIES = 64
-HISTORY_EVERY = 1.0
-"""Interval in seconds between two moments of the history."""
-
-
-class WebBoard:
-    """The content shared by all browsers of one run, read on request and at limited rates."""
-
-    home = "page.html"
-    largest_message = LARGEST_MESSAGE
-
-    def __init__(self, shown: Shown, now: Callable[[], float] = time.monotonic) -> None:
-        self.shown = shown
-        self.points = [(name, points[one]) for name, points in shown.groups for one in points]
-        self.values = ChangingValues([points for _, points in shown.groups])
-        self.tables = {table.name: ChangingRows() for table in shown.tables}
-        self.history = PointHistory(len(self.points))
-        self._now = now
-        self._values_at = self._tables_at = float("-inf")
-        self._plain: dict[int, PlainValues] = {}
-
-    def look(self) -> None:
-        """Read the points and the tables, each if its last read is old enough."""
-        now = self._now()
-        if now - self._values_at >= 0.9 * VALUES_EVERY:
-            self._values_at = now
-            self.values.look()
-        if now - self._tables_at >= 0.95 * TABLES_EVERY:
-            self._tables_at = now
-            for name, rows in self.shown.rows().items():
-                self.tables[name].put(rows)
-
-    def session(self, access: Access, who: str) -> WebSession:
-        """Return a new session for a browser."""
-        return WebSession(self, access, who)
-
-    async def go_on(self) -> None:
-        """Record the values at regular intervals."""
-        while True:
-            try:
-                self.remember(time.time())
-            except Exception:
-                log.exception("web: the values are not remembered")
-            await asyncio.sleep(HISTORY_EVERY)
-
-    def remember(self, at: float) -> None:
-        """Add a moment to the history, at this time (seconds since 1970)."""
-        self.look()
-        self.history.take(at, self.values.values)
-
-    def fields_text(self, entry: FrameEntry) -> str:
-        """Return the decoded fields of a frame in one line."""
-        protocol = self.shown.log.protocol(entry.channel)
-        plain = self._plain.get(entry.channel)
-        if plain is None or plain.protocol is not protocol:
-            plain = self._plain[entry.channel] = PlainValues(protocol)
-        try:
-            fields = plain.to_plain(entry.seen.frame, entry.seen.fields)
-        except Exception as error:  # a frame may contain anything
-            return f"({explain(error)})"
-        text = ", ".join(f"{name}={_flat(value)}" for name, value in fields.items())
-        return text if len(text) <= LONGEST_CELL else text[:LONGEST_CELL] + " …"
-
-
-def _flat(value: Any) -> str:
-    if isinstance(value, dict):
-        return "(" + ", ".join(f"{name}={_flat(item)}" for name, item in value.items()) + ")"
-    return str(value)
+MOST_COURSES = 6
+"""Maximum number of points in one request for their last minutes or ages, and for stored values."""
+MOST_SECONDS = 2**33
+LONGEST_COURSE = 400 * 86_400
+"""Latest time of stored values in seconds since 1970, and the longest span in one request."""
 
 
 class WebSession:
@@ -115,7 +48,7 @@ class WebSession:
     def __init__(self, board: WebBoard, access: Access, who: str) -> None:
         self.board = board
         self.visitor = Visitor(access, who)
-        self._values_seen = 0
+        self._values_seen = self._cards_seen = self._notices_seen = 0
         self._rows_seen = dict.fromkeys(board.tables, 0)
         self._filter = FrameFilter()
         self._paused = False
@@ -127,6 +60,8 @@ class WebSession:
             "pause": self._pause,
             "frame": self._frame,
             "history": self._history,
+            "course": self._course,
+            "ages": self._ages,
             "do": self._do,
             "write": self._write,
         }
@@ -145,6 +80,9 @@ class WebSession:
             "hello": shown.title,
             "version": __version__,
             "controls": shown.control is not None,
+            "stored": shown.stored is not None,
+            "began": self.board.began,
+            "chart": CHART,
             "tables": [[table.name, table.head] for table in shown.tables],
             "pointHead": POINT_HEAD,
             "points": [_about(group, point) for group, point in self.board.points],
@@ -165,9 +103,20 @@ class WebSession:
         self._values_seen = board.values.round
         if values:
             yield from _pieces({}, "values", values)
+        yield from self._heads()
         frames = self._frames()
         if frames is not None:
             yield frames
+
+    def _heads(self) -> Iterator[Message]:
+        """Yield the cards and the notices, each if they have changed."""
+        board = self.board
+        if self._cards_seen != board.cards_round:
+            self._cards_seen = board.cards_round
+            yield {"cards": board.cards}
+        if self._notices_seen != board.notices.round:
+            self._notices_seen = board.notices.round
+            yield {"notices": [[one.number, one.text, one.began, one.ended] for one in board.notices]}
 
     def _frames(self) -> Message | None:
         """Return the frames that pass the filter: the newest, or after a change of the filter the latest of the log."""
@@ -179,7 +128,7 @@ class WebSession:
         if not entries and not missed and not anew:
             return None
         counts = shown.log.counts
-        rows = [[*frame_row(one, shown.view.seconds(one.seen.at)), self.board.fields_text(one)] for one in entries]
+        rows = [self.board.frame_cells(one) for one in entries]
         counted = [counts["frame"], counts["bad"], counts["noise"]]
         return {"frames": rows, "anew": anew, "missed": missed, "counts": counted}
 
@@ -219,15 +168,41 @@ class WebSession:
         seen = entry.seen
         rows = [[*field_row(row), row.offset, len(row.data)] for row in self.board.shown.log.fields(entry)]
         fault = {"fault": [seen.reason, seen.place]} if seen.kind == "bad" else {}
-        return {"fields": number, "what": seen.frame or seen.kind, "bytes": seen.raw.hex(), "rows": rows, **fault}
+        what = meaning_of(seen) if seen.kind == "frame" else seen.frame or seen.kind
+        return {
+            "fields": number, "what": what, "frame": seen.frame, "bytes": seen.raw.hex(), "rows": rows, **fault,
+        }  # fmt: skip
 
     def _history(self, points: Any, told: Told) -> Message:
         """Return the latest moments of some points."""
+        most = whole_number(told.get("last"))
+        known = self._known(points, MOST_HISTORIES)
+        return {"history": {str(one): self.board.history.last(one, most) for one in known}, "last": most}
+
+    def _ages(self, points: Any, told: Told) -> Message:
+        """Return the ages of the values of some points in seconds; None before the first value."""
+        return {"ages": {str(one): self.board.age(one) for one in self._known(points, MOST_HISTORIES)}}
+
+    async def _course(self, points: Any, told: Told) -> Message:
+        """Return stored values of some points between two times, in seconds since 1970."""
+        since, until = whole_number(told.get("since")), whole_number(told.get("until"))
+        chosen = self._known(points, MOST_COURSES)
+        stored = self.board.shown.stored
+        answer: Message = {"course": chosen, "since": since, "until": until}
+        if stored is None or not chosen or not 0 < until - since <= LONGEST_COURSE or until > MOST_SECONDS:
+            raise ValueError("this is no message")
+        named = [self.board.points[one][1] for one in chosen]
+        try:
+            times, numbers = await stored.courses(named, since * 10**9, until * 10**9)
+        except FramekitError as error:
+            return {**answer, "why": printable(str(error))}
+        return {**answer, "times": times, "numbers": numbers}
+
+    def _known(self, points: Any, most: int) -> list[int]:
+        """Return the numbers of existing points in a message, `most` at most. Raise ValueError."""
         if not isinstance(points, list):
             raise ValueError("this is no message")
-        most = whole_number(told.get("last"))
-        known = [one for one in map(whole_number, points[:MOST_HISTORIES]) if one < len(self.board.points)]
-        return {"history": {str(one): self.board.history.last(one, most) for one in known}}
+        return [one for one in map(whole_number, points[:most]) if one < len(self.board.points)]
 
     def _do(self, line: Any, told: Told) -> Message:
         """Fire a block, or enable or disable a block, a set or a channel."""
@@ -287,8 +262,9 @@ def _pieces(head: Message, key: str, rows: Mapping[Any, Any]) -> Iterator[Messag
 
 
 def _about(group: str, point: RunPoint) -> list[Any]:
-    """Return name, unit, place, description, whether the point is writable, its range, and its words."""
+    """Return name, unit, place, description, whether the point is writable, its range, its words, and its group."""
     name = f"{group}: {point.name}" if group else point.name
     place = point.place if point.place != point.name else ""
     limits = "" if point.range is None else f"{point.range[0]:g}..{point.range[1]:g}"
-    return [name, point.unit, place, point.about, point.is_writable, limits, list(point.names.values())]
+    words = list(point.names.values())
+    return [name, point.unit, place, point.about, point.is_writable, limits, words, group or point.group]

@@ -6,14 +6,14 @@ the current state, so that a slow reader gets fewer updates but never an old sta
 
 from __future__ import annotations
 
-from array import array
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import isfinite, nan
+from math import isfinite
 from typing import Any, NamedTuple
 
 from framekit.api.monitor import FrameLog, LiveView
-from framekit.api.points import RunPoint, RunPoints
+from framekit.api.points import RunPoint, RunPoints, history_file
 from framekit.api.rows import (
     BLOCK_HEAD,
     CHANNEL_HEAD,
@@ -30,8 +30,12 @@ from framekit.api.rows import (
     station_row,
     trouble_row,
 )
-from framekit.api.run import RunCalls
+from framekit.api.run import RunCalls, RunStatus
 from framekit.api.server import AsyncServer
+from framekit.codec.shown import shown
+from framekit.definition.problems import plural
+from framekit.extras.web.cards import ERRORS_OVER, Card, Rate, RunCards, error_card, exchange_card
+from framekit.extras.web.history import StoredHistory, number_of
 from framekit.run.model import POINTS_SET
 from framekit.run.points import PointValue
 
@@ -111,53 +115,19 @@ def value_cells(value: PointValue, point: RunPoint) -> list[Any]:
     return [point.text_of(value.value), value.quality, value.reason, number if isfinite(number) else None]
 
 
-def number_of(value: PointValue) -> float:
-    """Return the number to draw for a value; nan if it is not good, or not a number."""
-    number = value.number
-    if value.quality != "good" or not isinstance(number, (int, float)):
-        return nan
-    try:
-        return float(number)
-    except OverflowError:
-        return nan
-
-
-MOST_KEPT = 600
-MOST_NUMBERS = 2_000_000
-"""Limits of the history: moments per point, and numbers in all (8 bytes each)."""
-
-
-class PointHistory:
-    """The latest moments of all points: `size` numbers for each, taken at common times (seconds since 1970)."""
-
-    def __init__(self, points: int) -> None:
-        self.size = max(2, min(MOST_KEPT, MOST_NUMBERS // max(1, points)))
-        self.taken = 0
-        self._times = array("d", bytes(8 * self.size))
-        self._numbers = [array("d", bytes(8 * self.size)) for _ in range(points)]
-
-    def take(self, time: float, values: Sequence[PointValue]) -> None:
-        """Add a moment; it replaces the oldest if the history is full."""
-        at = self.taken % self.size
-        self._times[at] = time
-        for numbers, value in zip(self._numbers, values, strict=True):
-            numbers[at] = number_of(value)
-        self.taken += 1
-
-    def last(self, point: int, most: int) -> tuple[list[float], list[float | None]]:
-        """Return the latest moments of a point, oldest first: times, and numbers or None."""
-        count = min(most, self.taken, self.size)
-        places = [at % self.size for at in range(self.taken - count, self.taken)]
-        numbers = self._numbers[point]
-        return (
-            [self._times[at] for at in places],
-            [number if isfinite(number := numbers[at]) else None for at in places],
-        )
-
-
 Rows = Mapping[str, ShownRow]
 STATES = {"open": "", "closed": "off", "switched off": "off"}
 """The states of healthy channels, with the state that the page shows; all other states count as lost."""
+
+
+class Look(NamedTuple):
+    """The content of the page apart from values and frames, at one moment."""
+
+    rows: Mapping[str, Rows]
+    """The rows of every table by its name."""
+    cards: Sequence[Card]
+    troubles: Mapping[str, str] = {}
+    """The present troubles as sentences, each with a key that stays the same while it lasts."""
 
 
 class ShownTable(NamedTuple):
@@ -171,15 +141,19 @@ class ShownTable(NamedTuple):
 class Shown:
     """The content of one page."""
 
+    home: str
+    """The file of the page."""
     title: str
     view: LiveView
     tables: tuple[ShownTable, ...]
-    rows: Callable[[], Mapping[str, Rows]]
-    """Returns the rows of every table by its name."""
+    look: Callable[[Sequence[PointValue]], Look]
+    """Returns the content at this moment; it gets the values of all points."""
     groups: Sequence[tuple[str, RunPoints]]
     """The points in groups, each with the name of the group."""
     control: Callable[[str], None] | None = None
     """Executes a command such as `fire 3`, and raises RequestError; None if the page has no commands."""
+    stored: StoredHistory | None = None
+    """Older values; None if the run keeps none."""
 
     @property
     def log(self) -> FrameLog:
@@ -188,36 +162,15 @@ class Shown:
 
 def shown_run(run: RunCalls, view: LiveView) -> Shown:
     """Return the content for a run: channels, stations, blocks, jobs, sinks, troubles and points."""
+    cards = RunCards()
 
-    def load_now(channel: int) -> str:
-        line = view.lines.get(channel)
-        load = None if line is None else line.load.since_last(run.now)
-        return "-" if load is None else percent(load)
+    def loads() -> dict[int, float]:
+        found = {number: line.load.since_last(run.now) for number, line in view.lines.items()}
+        return {number: load for number, load in found.items() if load is not None}
 
-    def rows() -> Mapping[str, Rows]:
-        status = run.status()
-        jobs = () if status.jobs is None else status.jobs.slots
-        return {
-            "channels": {
-                str(one.number): ShownRow(STATES.get(one.state, "lost"), (*channel_row(one), load_now(one.number)))
-                for one in status.channels
-            },
-            "stations": {
-                f"{one.channel} {one.station}": ShownRow("lost" if one.dead else "", station_row(one))
-                for one in status.stations
-            },
-            "blocks": {
-                one.label: ShownRow(block_state(one), block_row(one)) for one in status.blocks if one.set != POINTS_SET
-            },
-            "jobs": {str(one.slot): ShownRow("", job_row(one)) for one in jobs if one.kind},
-            "sinks": {
-                str(number): ShownRow("lost" if one.problem else "", sink_row(one))
-                for number, one in enumerate(status.sinks)
-            },
-            "troubles": {
-                one.name: ShownRow("lost" if one.reason else "", trouble_row(one, status.at)) for one in status.troubles
-            },
-        }
+    def look(values: Sequence[PointValue]) -> Look:
+        status, load = run.status(), loads()
+        return Look(_rows(status, load), cards.of(status, list(load.items()), values), _troubles(status))
 
     tables = (
         ShownTable("channels", (*CHANNEL_HEAD, "load now")),
@@ -227,24 +180,82 @@ def shown_run(run: RunCalls, view: LiveView) -> Shown:
         ShownTable("sinks", SINK_HEAD),
         ShownTable("troubles", TROUBLE_HEAD),
     )
-    groups = [("", run.points)]
+    file = history_file(run.run)
     return Shown(
-        title=f"run {run.run.name}", view=view, tables=tables, rows=rows, groups=groups, control=run.control
+        home="run.html", title=f"run {run.run.name}", view=view, tables=tables, look=look,
+        groups=[("", run.points)], control=run.control, stored=None if file is None else StoredHistory(file),
     )  # fmt: skip
+
+
+def _rows(status: RunStatus, load: Mapping[int, float]) -> Mapping[str, Rows]:
+    """Return the rows of the tables of a run. `load`: the present load of the channels that have a speed."""
+    jobs = () if status.jobs is None else status.jobs.slots
+    return {
+        "channels": {
+            str(one.number): ShownRow(
+                STATES.get(one.state, "lost"),
+                (*channel_row(one), percent(load[one.number]) if one.number in load else "-"),
+            )
+            for one in status.channels
+        },
+        "stations": {
+            f"{one.channel} {one.station}": ShownRow("lost" if one.dead else "", station_row(one))
+            for one in status.stations
+        },
+        "blocks": {
+            one.label: ShownRow(block_state(one), block_row(one)) for one in status.blocks if one.set != POINTS_SET
+        },
+        "jobs": {str(one.slot): ShownRow("", job_row(one)) for one in jobs if one.kind},
+        "sinks": {
+            str(number): ShownRow("lost" if one.problem else "", sink_row(one))
+            for number, one in enumerate(status.sinks)
+        },
+        "troubles": {
+            one.name: ShownRow("lost" if one.reason else "", trouble_row(one, status.at)) for one in status.troubles
+        },
+    }
+
+
+def _troubles(status: RunStatus) -> dict[str, str]:
+    """Return the present troubles of a run: parts that fail, lost channels, dead and slow stations."""
+    found = {f"part {one.name}": str(one) for one in status.troubles}
+    for line in status.channels:
+        if STATES.get(line.state, "lost") == "lost":
+            found[f"channel {line.number}"] = f"channel {line.number}: {line.state}"
+        found |= {f"slow {line.number} {at}": f"channel {line.number}: {text}" for at, text in enumerate(line.slow)}
+    for station in status.stations:
+        if station.dead:
+            where = f"channel {station.channel}, station {shown(station.station)}"
+            found[f"station {where}"] = f"{where} does not answer"
+    return found
 
 
 def shown_server(server: AsyncServer, view: LiveView) -> Shown:
     """Return the content for devices that answer, with the values of their memory. The server must be open."""
     alone = [device for device in server.devices if not device.shares]
 
-    def rows() -> Mapping[str, Rows]:
+    requests, errors = Rate(), Rate()
+
+    def look(values: Sequence[PointValue]) -> Look:
         devices = {}
-        for number, one in enumerate(server.status(), 1):
+        status = server.status()
+        for number, one in enumerate(status, 1):
             why = ", ".join(f"{count} × {reason}" for reason, count in sorted(one.reasons.items()))
             cells = (one.device.name, one.device.protocol.name, one.device.station or "-")
             devices[str(number)] = ShownRow("", (*cells, str(one.services), str(one.errors), why or "-"))
-        errors = {reason: ShownRow("", (reason, str(count))) for reason, count in sorted(server.line_errors.items())}
-        return {"devices": devices, "line": errors}
+        line = {reason: ShownRow("", (reason, str(count))) for reason, count in sorted(server.line_errors.items())}
+        now = view.now()
+        done, refused = sum(one.services for one in status), sum(one.errors for one in status)
+        reasons = Counter(server.line_errors)
+        for one in status:
+            reasons.update(one.reasons)
+        errors.read(now, refused + sum(server.line_errors.values()))
+        cards = [
+            Card(plural(len(alone), "device").partition(" ")[2].capitalize(), str(len(alone)), server.about, "good"),
+            exchange_card("Requests", requests.read(now, done), done),
+            error_card(reasons.total(), reasons, errors.has_increased_within(now, ERRORS_OVER)),
+        ]
+        return Look({"devices": devices, "line": line}, cards)
 
     tables = (
         ShownTable("devices", ("device", "protocol", "station", "services", "errors", "why")),
@@ -252,4 +263,4 @@ def shown_server(server: AsyncServer, view: LiveView) -> Shown:
     )
     names = ["" if len(alone) == 1 else device.name for device in alone]
     groups = list(zip(names, server.points, strict=True))
-    return Shown(title=f"serve {server.about}", view=view, tables=tables, rows=rows, groups=groups)
+    return Shown(home="run.html", title=f"serve {server.about}", view=view, tables=tables, look=look, groups=groups)

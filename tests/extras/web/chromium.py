@@ -41,10 +41,10 @@ class Looking:
     def open(self, url: str) -> None:
         self.driver.get("about:blank")  # an address that differs behind # alone would not be loaded anew
         self.driver.get(url)
-        self.until(lambda: self.text("#state") == "live")
+        self.until(lambda: self.text("#state") == "Live")
 
     def until(self, found: Callable[[], T]) -> T:
-        """What `found` gives when it is something. Raises TimeoutException."""
+        """Return the result of `found` as soon as it is true. Raise TimeoutException."""
         return wait.WebDriverWait(self.driver, LONGEST, 0.05, ignored_exceptions=[Exception]).until(lambda _: found())
 
     def run(self, script: str, *given: Any) -> Any:
@@ -54,20 +54,33 @@ class Looking:
         return str(self.run("return document.querySelector(arguments[0])?.innerText ?? ''", selector))
 
     def rows(self, section: str) -> list[list[str]]:
-        """The rows of a table that are drawn, with their class first."""
-        script = """return [...document.querySelectorAll(`#${arguments[0]} .grid tr.row`)].filter(row => !row.hidden)
-            .map(row => [row.className, ...[...row.cells].map(cell => cell.innerText)])"""
-        return list(self.run(script, section))
+        """Return the rows of a table that are drawn, each with its class first."""
+        script = """return [...document.querySelectorAll(arguments[0])].filter(row => !row.hidden)
+            .map(row => [row.className, ...[...row.cells].map(cell => cell.textContent)])"""
+        return list(self.run(script, self.rows_of(section)))
+
+    @staticmethod
+    def rows_of(section: str) -> str:
+        """Return the selector for the rows of a table."""
+        place = f"#{section} .grid" if section in ("points", "frames", "areas") else f"[data-table={section}]"
+        return f"{place} tr.row"
 
     def click(self, selector: str) -> None:
         self.driver.find_element("css selector", selector).click()
 
     def click_row(self, section: str, text: str) -> None:
-        """Clicks the first row in which a text stands."""
-        script = """const row = [...document.querySelectorAll(`#${arguments[0]} .grid tr.row`)]
-            .find(row => !row.hidden && row.innerText.includes(arguments[1]));
+        """Click the first row that contains a text."""
+        script = """const row = [...document.querySelectorAll(arguments[0])]
+            .find(row => !row.hidden && row.textContent.includes(arguments[1]));
             row?.cells[0].click(); return Boolean(row)"""
-        self.until(lambda: self.run(script, section, text))
+        self.until(lambda: self.run(script, self.rows_of(section), text))
+
+    def press(self, section: str, text: str) -> None:
+        """Click the button of the first row that contains a text."""
+        script = """const row = [...document.querySelectorAll(arguments[0])]
+            .find(row => !row.hidden && row.textContent.includes(arguments[1]));
+            const button = row?.querySelector('button'); button?.click(); return Boolean(button)"""
+        self.until(lambda: self.run(script, self.rows_of(section), text))
 
     def type(self, selector: str, text: str) -> None:
         field = self.driver.find_element("css selector", selector)
@@ -75,7 +88,7 @@ class Looking:
         field.send_keys(text)
 
     def errors(self) -> list[str]:
-        """What the browser calls an error, but for connections that are gone."""
+        """Return the errors in the log of the browser, without those of lost connections."""
         told = [str(line["message"]) for line in self.driver.get_log("browser") if line["level"] == "SEVERE"]
         return [line for line in told if "favicon" not in line and "WebSocket connection" not in line]
 

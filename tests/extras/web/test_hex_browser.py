@@ -70,11 +70,11 @@ def test_a_click_names_a_field_and_the_definition_passes(tmp_path: Path) -> None
         page.until(lambda: "f32 big" in page.text("#types"))
         assert page.run("return document.querySelector('#naming').hidden")  # there is no token yet
         page.open(f"{url}#token={token}")
-        page.until(lambda: page.text("#may") == "may name fields")
+        page.until(lambda: page.text("#may") == "May name fields")
         page.until(lambda: len(cells(page, 1)) == 9)
         drag(page, 1, 2, 5)
         name(page, "level", "f32")
-        page.until(lambda: page.text("#told") == "done")
+        page.until(lambda: page.text("#told") == "Done")
         page.until(lambda: shades(page, 1)[2:6] == ["named"] * 4)
         assert "{field: level, type: f32}" in written.read_text("utf-8")
         drag(page, 1, 2, 5)

@@ -30,8 +30,10 @@ from framekit.cli.main import main
 from framekit.extras.web import patience
 from framekit.extras.web import server as server_module
 from framekit.extras.web.access import Access, is_known_host
-from framekit.extras.web.server import PAGE, PageApp, WebServer
-from framekit.extras.web.session import WebBoard, WebSession
+from framekit.extras.web.assets import PAGE
+from framekit.extras.web.board import WebBoard
+from framekit.extras.web.server import PageApp, WebServer
+from framekit.extras.web.session import WebSession
 from framekit.extras.web.shown import shown_run, shown_server
 
 MARKUP = re.compile(r"innerHTML|outerHTML|insertAdjacent|document\.write|eval\(|new Function|\sstyle=|\son\w+=")
@@ -55,7 +57,7 @@ def app(page: Page) -> PageApp:
 
 def test_the_page_comes_with_its_rules(app: PageApp) -> None:
     client = TestClient(app.app, base_url=HOME)
-    for path in ("/", "/page.js", "/parts.js", "/page.css"):
+    for path in ("/", "/run.js", "/parts.js", "/page.css", "/uplot.js", "/uplot.css"):
         reply = client.get(path)
         assert reply.status_code == 200
         rules = reply.headers["content-security-policy"]
@@ -69,7 +71,7 @@ def test_the_page_comes_with_its_rules(app: PageApp) -> None:
 
 def test_nothing_of_the_page_comes_from_elsewhere_or_is_markup() -> None:
     for file in PAGE.iterdir():
-        text = file.read_text("utf-8")
+        text = file.read_text("utf-8").replace('xmlns="http://www.w3.org/2000/svg"', "")
         assert "//" not in re.sub(r"^\s*//.*|(?<=;)\s+//.*|\$\{[^}]*\}://", "", text, flags=re.MULTILINE), file.name
         assert not MARKUP.search(text), file.name
 

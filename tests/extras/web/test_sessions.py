@@ -13,7 +13,8 @@ pytest.importorskip("starlette")
 from extras.web.page_world import TOKEN, Browser, Page, written
 
 from framekit.extras.web import session as session_module
-from framekit.extras.web.shown import ChangingRows, PointHistory, ShownRow
+from framekit.extras.web.history import PointHistory
+from framekit.extras.web.shown import ChangingRows, ShownRow
 
 
 @pytest.fixture
@@ -123,7 +124,7 @@ def test_history_is_what_was_remembered(page: Page) -> None:
         page.board.remember(float(second))
     session = page.session()
     found = answered(session, history=[0, 99], last=2)
-    assert found == {"history": {"0": ([1.0, 2.0], [2.0, 3.0])}}
+    assert found == {"history": {"0": ([1.0, 2.0], [2.0, 3.0])}, "last": 2}
 
 
 def test_nothing_is_done_without_the_token(page: Page) -> None:

@@ -2,7 +2,8 @@
 // the definition, which the program checks and writes.
 import { HexLines, tint } from "./hexlines.js";
 import { Live, at } from "./live.js";
-import { element, plot } from "./parts.js";
+import { plot } from "./draw.js";
+import { element } from "./parts.js";
 
 const POINTING = 120;
 const SHADES = {
@@ -42,9 +43,9 @@ function begin(what) {
   canName = what.names;
   const select = at("kinds"), before = select.value;
   select.replaceChildren();
-  option(select, "", `everything: ${counted(what.rows, "row")}`);
+  option(select, "", `Everything: ${counted(what.rows, "row")}`);
   kinds.forEach(([name, side, count], number) => option(select, number, `${name}${side ? `, ${side}` : ""}: ${counted(count, "frame")}`));
-  if (what.others) option(select, -1, `what is no good frame: ${counted(what.others, "row")}`);
+  if (what.others) option(select, -1, `No good frame: ${counted(what.others, "row")}`);
   if ([...select.options].some(one => one.value === before)) select.value = before;
   at("said").hidden = !what.statements.length;
   at("said").querySelector("ul").replaceChildren(...what.statements.map(statement));
@@ -68,13 +69,13 @@ function option(select, value, words) {
 function statement([sure, words, evidence, against]) {
   const line = document.createElement("li");
   const badge = element("b", line);
-  badge.textContent = sure ? "sure" : "maybe";
+  badge.textContent = sure ? "Sure" : "Maybe";
   badge.className = sure ? "sure" : "";
   line.append(`${words} (${evidence})`);
   if (against) {
     const more = element("span", line);
     more.className = "against";
-    more.textContent = ` – against it would be: ${against}`;
+    more.textContent = ` – against it: ${against}`;
   }
   return line;
 }
@@ -166,7 +167,7 @@ function choose(choice) {
   lines.choose(choice);
   at("course").hidden = true;
   if (!choice) {
-    at("where").textContent = "point at a byte, or click it";
+    at("where").textContent = "Point at a byte, or click it";
     at("what").textContent = "";
     at("types").parentElement.hidden = true;
     drawNaming();
@@ -262,8 +263,8 @@ function fillOrders() {
 
 function drawNaming() {
   at("naming").hidden = !(canName && live.may && chosen && chosen.kind >= 0 && shown);
-  if (canName && !live.may && chosen && chosen.kind >= 0) live.tell("with the token these bytes can be named");
-  else if (at("told").textContent.startsWith("with the token")) live.tell("");
+  if (canName && !live.may && chosen && chosen.kind >= 0) live.tell("With the token these bytes can be named");
+  else if (at("told").textContent.startsWith("With the token")) live.tell("");
 }
 
 function give(event) {
@@ -345,10 +346,10 @@ function listen() {
     const text = at("definition").querySelector("pre");
     try {
       await navigator.clipboard.writeText(text.textContent);
-      live.tell("copied");
+      live.tell("Copied");
     } catch {
       getSelection().selectAllChildren(text);
-      live.tell("the text is selected: copy it with the keys of your system");
+      live.tell("The text is selected: copy it with the keys of your system");
     }
   });
   at("download").addEventListener("click", () => {
@@ -361,5 +362,4 @@ function listen() {
 }
 
 listen();
-live.allow(false);
 live.connect();

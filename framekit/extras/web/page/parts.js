@@ -1,50 +1,52 @@
-// Parts of the page: a table of any length of which only what is seen is drawn, and drawings of numbers over time.
-// Texts come from devices and files: they are set as text, never as markup.
+// A table of any length: only the rows in view exist as elements. Texts come from devices and files: they are set as
+// text, never as markup.
+import { sparkline } from "./draw.js";
 
-const ROW = 22, TALLEST = 304, WIDEST = 48, WIDEST_LAST = 100;
+const ROW = 30, TALLEST = 361, WIDEST = 48, WIDEST_LAST = 100;
 
 export class Grid {
-  // `follows`: it stays at its last row, until the user scrolls away from there.
-  // Rows {key, state, cells, numbers, drawn}; `spark`: a last column draws the numbers, where `drawn` is not set. `picked` is told which row was clicked.
-  constructor(place, head, { picked = null, spark = false, follows = undefined } = {}) {
-    this.place = place;
+  // `columns`: {title, look, kind} of each; kind "spark" draws the numbers of a row, kind "button" has a button.
+  // Rows: {key, state, cells, numbers, drawn, group}; a row with `group` is a head of the rows below it.
+  // `picked(key)`: a row was chosen. `marked(key)`: the number of its colour, or -1. `button`: {text, shown, pressed}.
+  // `follows`: the table stays at its last row, until the user scrolls away from there.
+  constructor(place, columns, { picked = null, follows = undefined, marked = null, button = null } = {}) {
+    Object.assign(this, { place, columns, picked, follows, marked, button });
     this.rows = [];
-    this.picked = picked;
-    this.spark = spark;
-    this.follows = follows;
-    this.chosen = null;
+    this.chosen = this.cursor = null;
     this.pool = [];
-    this.widths = head.map(text => text.length);
-    const table = element("table", place);
-    this.columns = [...head, ...(spark ? [""] : [])].map(() => element("col", this.group ??= element("colgroup", table)));
+    this.widths = [];
+    const table = element("table", place), group = element("colgroup", table);
     const top = element("tr", element("thead", table));
-    for (const text of [...head, ...(spark ? ["last minute"] : [])]) element("th", top).textContent = text;
-    this.before = element("tr", element("tbody", table)).appendChild(document.createElement("td"));
+    this.bars = columns.map(() => element("col", group));
+    for (const column of columns) Object.assign(element("th", top), { textContent: column.title, className: /right/.exec(column.look ?? "") ?? "", scope: "col" });
+    this.before = element("td", element("tr", element("tbody", table)));
     this.body = element("tbody", table);
-    this.after = element("tr", element("tbody", table)).appendChild(document.createElement("td"));
+    this.after = element("td", element("tr", element("tbody", table)));
     this.before.style.height = this.after.style.height = "0";
-    this.measure(head);
+    this.before.style.padding = this.after.style.padding = "0";
+    this.measure(columns.map(column => column.title));
+    place.tabIndex = 0;
     place.addEventListener("scroll", () => this.moved());
-    this.body.addEventListener("click", event => this.click(event.target.closest("tr")));
+    place.addEventListener("keydown", event => this.key(event));
+    this.body.addEventListener("click", event => this.click(event));
   }
 
   measure(cells) {
-    let wider = false;
     cells.forEach((text, at) => {
-      const length = Math.min(at === cells.length - 1 ? WIDEST_LAST : WIDEST, text.length);
-      if (length > (this.widths[at] ?? 0) || !this.columns[at].style.width) {
-        this.widths[at] = Math.max(length, this.widths[at] ?? 0);
-        this.columns[at].style.width = `${this.widths[at] + 2}ch`;
-        wider = true;
+      const { kind } = this.columns[at] ?? {};
+      if (kind && this.widths[at]) return;
+      const most = at === cells.length - 1 ? WIDEST_LAST : WIDEST;
+      const length = kind === "spark" ? 13 : kind === "button" ? 8 : Math.min(most, text.length);
+      if (length > (this.widths[at] ?? -1)) {
+        this.widths[at] = length;
+        this.bars[at].style.width = `${length + 3}ch`;
       }
     });
-    if (wider && this.spark) this.columns.at(-1).style.width = "17ch";
   }
 
   moved() {
     const followed = this.follows;
-    if (followed !== undefined)
-      this.follows = this.place.scrollTop + this.place.clientHeight >= this.place.scrollHeight - ROW;
+    if (followed !== undefined) this.follows = this.place.scrollTop + this.place.clientHeight >= this.place.scrollHeight - ROW;
     if (!(followed && this.follows)) this.draw();
   }
 
@@ -62,42 +64,84 @@ export class Grid {
   }
 
   line() {
-    const row = element("tr", this.body);
-    const cells = this.columns.map(() => element("td", row));
-    if (!this.spark) return { row, cells, texts: [] };
-    const canvas = element("canvas", cells.pop());
-    canvas.width = 120;
-    canvas.height = 20;
-    return { row, cells, texts: [], canvas };
+    const row = element("tr", this.body), line = { row, cells: [], texts: [] };
+    for (const { kind, look } of this.columns) {
+      const cell = Object.assign(element("td", row), { className: look ?? "" });
+      if (kind === "spark") line.canvas = Object.assign(element("canvas", cell), { width: 200, height: 40 });
+      else if (kind === "button") line.button = Object.assign(element("button", cell), { textContent: this.button.text });
+      else line.cells.push(cell);
+    }
+    return line;
   }
 
   fill(line, what) {
     line.row.hidden = !what;
     line.key = what?.key;
     if (!what) return;
-    const state = `row ${what.state}${what.key === this.chosen ? " picked" : ""}`;
-    if (line.state !== state) line.row.className = line.state = state;
-    this.measure(what.cells);
-    what.cells.forEach((text, at) => {
-      if (line.texts[at] !== text) {
-        line.cells[at].textContent = line.texts[at] = text;
-        line.cells[at].title = text.length > WIDEST ? text : "";
-      }
+    const mark = this.marked?.(what.key) ?? -1, is_picked = mark >= 0 || what.key === this.chosen && !this.marked;
+    const look = `row ${what.state}${what.group ? " group" : ""}${is_picked ? " picked" : ""}${what.key === this.cursor ? " cursor" : ""}`;
+    if (line.look !== look) line.row.className = line.look = look;
+    if (mark >= 0) line.row.dataset.tint = mark;
+    else delete line.row.dataset.tint;
+    if (!what.group) this.measure(what.cells);
+    line.cells.forEach((cell, at) => {
+      const text = what.cells[at] ?? "";
+      if (line.texts[at] === text) return;
+      cell.textContent = line.texts[at] = text;
+      cell.title = text.length > 24 ? text : "";
     });
-    if (line.canvas && (line.what !== what || !what.drawn)) {
+    if (line.canvas) line.canvas.hidden = Boolean(what.group);
+    if (line.canvas && !what.group && (line.what !== what || !what.drawn)) {
       what.drawn = true;
-      sparkline(line.canvas, what.numbers);
+      sparkline(line.canvas, what.numbers ?? []);
     }
+    if (line.button) line.button.hidden = what.group || !this.button.shown(what);
     line.what = what;
   }
 
-  click(row) {
-    const line = this.pool.find(one => one.row === row);
-    if (!line || !this.picked) return;
-    this.chosen = line.key;
+  choose(key) {
+    this.chosen = this.cursor = key;
     this.draw();
-    this.picked(line.key);
+    this.picked?.(key);
   }
+
+  click(event) {
+    const line = this.pool.find(one => one.row === event.target.closest("tr"));
+    if (!line || line.what?.group) return;
+    if (event.target.closest("button")) this.button.pressed(line.key);
+    else if (this.picked) this.choose(line.key);
+  }
+
+  // The keys up, down, home, end move; enter and space choose.
+  key(event) {
+    const rows = this.rows.filter(row => !row.group), now = rows.findIndex(row => row.key === this.cursor);
+    const step = { ArrowDown: 1, ArrowUp: -1, Home: -Infinity, End: Infinity }[event.key];
+    if (event.target !== this.place || !rows.length) return;
+    if (step !== undefined) {
+      event.preventDefault();
+      this.cursor = rows[Math.max(0, Math.min(rows.length - 1, now + step))].key;
+      this.reveal(this.rows.findIndex(row => row.key === this.cursor));
+    } else if ((event.key === "Enter" || event.key === " ") && now >= 0 && this.picked) {
+      event.preventDefault();
+      this.choose(this.cursor);
+    }
+  }
+
+  // Scrolls so that a row is in view.
+  reveal(at) {
+    const top = ROW * at, height = this.place.clientHeight - 2 * ROW;
+    if (this.follows !== undefined) this.follows = false;
+    if (top < this.place.scrollTop) this.place.scrollTop = top;
+    else if (top > this.place.scrollTop + height) this.place.scrollTop = top - height;
+    this.draw();
+  }
+}
+
+// Draws tables together, once for each frame of the screen.
+const dirty = new Set();
+export function changed(grid) {
+  if (!dirty.size) requestAnimationFrame(() => { for (const one of dirty) one.draw(); dirty.clear(); });
+  dirty.add(grid);
 }
 
 export function element(name, parent) {
@@ -106,67 +150,4 @@ export function element(name, parent) {
 
 function size(cell, height) {
   if (cell.style.height !== `${height}px`) cell.style.height = `${height}px`;
-}
-
-function bounds(numbers) {
-  let low = Infinity, high = -Infinity;
-  for (const number of numbers) if (number !== null) { low = Math.min(low, number); high = Math.max(high, number); }
-  return low > high ? null : low === high ? [low - 1, high + 1] : [low, high];
-}
-
-function trace(pen, xs, numbers, [low, high], height) {
-  let down = false;
-  pen.beginPath();
-  numbers.forEach((number, at) => {
-    if (number === null) { down = false; return; }
-    const y = height - 2 - (number - low) / (high - low) * (height - 4);
-    down ? pen.lineTo(xs(at), y) : pen.moveTo(xs(at), y);
-    if (!down) pen.lineTo(xs(at) + 1, y);
-    down = true;
-  });
-  pen.stroke();
-}
-
-let color = null;
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { color = null; });
-
-export function sparkline(canvas, numbers) {
-  const pen = canvas.getContext("2d");
-  pen.clearRect(0, 0, canvas.width, canvas.height);
-  const range = bounds(numbers);
-  if (!range) return;
-  pen.strokeStyle = color ??= getComputedStyle(document.body).color;
-  const step = canvas.width / 60, start = canvas.width - step * numbers.length;
-  trace(pen, at => start + at * step, numbers, range, canvas.height);
-}
-
-export function plot(canvas, times, numbers, told = clock) {
-  canvas.width = canvas.clientWidth || 900;
-  const pen = canvas.getContext("2d"), { width, height } = canvas;
-  pen.fillStyle = pen.strokeStyle = color ??= getComputedStyle(document.body).color;
-  pen.font = "12px ui-monospace, monospace";
-  const range = bounds(numbers);
-  if (!range) { pen.fillText("no good values yet", 10, 20); return; }
-  const left = 90, bottom = 22, first = times[0], span = Math.max(1, times.at(-1) - first);
-  pen.fillText(short(range[1]), 4, 14);
-  pen.fillText(short(range[0]), 4, height - bottom);
-  pen.fillText(told(first), left, height - 5);
-  pen.textAlign = "right";
-  pen.fillText(told(times.at(-1)), width - 4, height - 5);
-  pen.save();
-  pen.globalAlpha = 0.3;
-  pen.strokeRect(left, 2, width - left - 4, height - bottom);
-  pen.restore();
-  pen.save();
-  pen.translate(left, 2);
-  trace(pen, at => (times[at] - first) / span * (width - left - 4), numbers, range, height - bottom);
-  pen.restore();
-}
-
-function short(number) {
-  return Number(number.toPrecision(6)).toString();
-}
-
-function clock(seconds) {
-  return new Date(seconds * 1000).toTimeString().slice(0, 8);
 }

@@ -1,0 +1,59 @@
+// The frames on the lines as they come, with a filter and a pause; a chosen frame shows its bytes under its fields.
+import { Grid, changed } from "./parts.js";
+import { at } from "./shell.js";
+import { count, many } from "./words.js";
+import { fieldView } from "./fields.js";
+
+const KEPT = 200, WAIT = 250;
+
+export class Frames {
+  constructor(live) {
+    this.live = live;
+    this.rows = [];
+    this.paused = false;
+    const columns = [
+      { title: "No.", look: "right muted" }, { title: "Time (s)", look: "right" }, { title: "Ch.", look: "right" }, { title: "", look: "way" },
+      { title: "Size", look: "right muted" }, { title: "Frame", look: "strong mark" }, { title: "Fields", look: "muted" },
+    ];
+    const picked = key => this.live.say({ frame: Number(key) });
+    this.grid = new Grid(at("frames").querySelector(".grid"), columns, { picked, follows: true });
+    let waiting = 0;
+    at("frame-filter").addEventListener("input", () => { clearTimeout(waiting); waiting = setTimeout(() => this.filter(), WAIT); });
+    at("bad").addEventListener("change", () => this.filter());
+    at("pause").addEventListener("click", () => this.pause());
+  }
+
+  // At every connection: the server has to be told the filter again.
+  opened() {
+    this.rows.length = 0;
+    this.filter();
+    this.live.say({ pause: this.paused });
+  }
+
+  filter() {
+    this.live.say({ filter: at("frame-filter").value, bad: at("bad").checked });
+  }
+
+  pause() {
+    this.paused = !this.paused;
+    at("pause").textContent = this.paused ? "Go on" : "Pause";
+    this.live.say({ pause: this.paused });
+  }
+
+  take(what) {
+    if (what.anew) { this.rows.length = 0; this.grid.follows = true; }
+    for (const [no, time, channel, way, size, , name, , fields] of what.frames)
+      this.rows.push({ key: no, state: name.startsWith("! ") ? "bad" : "", cells: [no, time, channel, way, size, name, fields] });
+    this.rows.splice(0, this.rows.length - KEPT);
+    const [good, bad, noise] = what.counts, more = what.missed ? ` · ${count(what.missed)} more than are shown` : "";
+    at("frames").querySelector(".count").textContent = `${count(good)} good · ${count(bad)} bad · ${many(noise, "time")} noise${more}`;
+    this.grid.rows = this.rows;
+    changed(this.grid);
+  }
+
+  takeFields(what) {
+    const inside = what.frame && what.frame !== what.what ? ` in ${what.frame}` : "";
+    const title = what.gone ? `Frame ${what.fields} is no longer kept` : `${what.what}${inside} · no. ${what.fields} · ${many(what.bytes.length / 2, "byte")}`;
+    fieldView(at("frame"), title, what.bytes ?? "", what.rows ?? [], what.fault);
+  }
+}

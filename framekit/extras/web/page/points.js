@@ -1,0 +1,111 @@
+// The table of points: values, quality in colour and word, age, the last minute; groups, a filter, and a button to write.
+import { MINUTE } from "./draw.js";
+import { Grid, changed, element } from "./parts.js";
+import { at, onTheme } from "./shell.js";
+import { age, value } from "./words.js";
+import { ask } from "./actions.js";
+
+const MOST_ASKED = 64;
+
+export class Points {
+  // `live`: the connection; `picked(key)`: a point was chosen; `marked(key)`: the number of its colour, or -1.
+  constructor(live, { picked, marked }) {
+    this.live = live;
+    this.list = [];
+    const columns = [
+      { title: "Point", look: "strong" }, { title: "Value", look: "right" }, { title: "Unit", look: "muted" },
+      { title: "Quality", look: "quality" }, { title: "Age", look: "right muted" }, { title: "Last minute", kind: "spark" },
+      { title: "", kind: "button" },
+    ];
+    const button = { text: "Write", shown: row => row.writable, pressed: key => this.write(key) };
+    this.grid = new Grid(at("points").querySelector(".grid"), columns, { picked, marked, button });
+    at("point-filter").addEventListener("input", () => this.arrange());
+    at("group").addEventListener("change", () => this.arrange());
+    onTheme(() => { for (const point of this.list) point.drawn = false; changed(this.grid); });
+  }
+
+  begin(described) {
+    this.list.length = 0;
+    described.forEach(([name, unit, place, about, writable, range, words, group], key) => this.list.push(
+      { key, state: "stale", cells: [name, "–", unit, "", ""], numbers: [], number: null, name, unit, place, about, writable, range, words, of: group }));
+    this.groups = [...new Set(this.list.map(point => point.of))];
+    const select = at("group"), before = select.value;
+    select.replaceChildren();
+    for (const [id, text] of [["", "All"], ["!", "Not good"], ...(this.groups.length > 1 ? this.groups.map(group => [`=${group}`, group]) : [])])
+      Object.assign(element("option", select), { value: id, textContent: text });
+    if ([...select.options].some(one => one.value === before)) select.value = before;
+    this.arrange();
+  }
+
+  // Values: text, quality, reason and the number to draw, by the number of the point.
+  take(values) {
+    for (const [key, [text, quality, reason, number]] of Object.entries(values)) {
+      const point = this.list[key];
+      Object.assign(point, { text, number, state: quality === "good" ? "" : quality });
+      point.cells = [point.name, value(text, number), point.unit, reason ? `${quality}, ${reason}` : quality, point.cells[4]];
+    }
+    if (at("group").value === "!") this.arrange();
+    else changed(this.grid);
+  }
+
+  arrange() {
+    const wanted = at("point-filter").value.toLowerCase(), group = at("group").value;
+    const chosen = this.list.filter(point =>
+      (!wanted || [point.name, point.unit, point.about].some(text => text.toLowerCase().includes(wanted)))
+      && (!group || (group === "!" ? point.state : point.of === group.slice(1))));
+    this.grid.rows = this.groups.length < 2 || group ? chosen : this.groups.flatMap(name => {
+      const members = chosen.filter(point => point.of === name);
+      return members.length ? [{ key: `group ${name}`, state: "", group: true, cells: [name] }, ...members] : [];
+    });
+    at("points").querySelector(".count").textContent = wanted || group ? `${chosen.length} of ${this.list.length}` : "";
+    changed(this.grid);
+  }
+
+  // Once a second: the numbers of the last minute move on; rows in view ask for their past and their age.
+  second() {
+    for (const point of this.list) {
+      point.numbers.push(point.number);
+      if (point.numbers.length > MINUTE) point.numbers.shift();
+      point.drawn = false;
+    }
+    const shown = (this.grid.shown ?? []).filter(row => !row.group).slice(0, MOST_ASKED), fresh = shown.filter(point => !point.asked);
+    fresh.forEach(point => { point.asked = true; });
+    if (fresh.length) this.live.say({ history: fresh.map(point => point.key), last: MINUTE });
+    if (shown.length) this.live.say({ ages: shown.map(point => point.key) });
+    changed(this.grid);
+  }
+
+  takeAges(ages) {
+    for (const [key, seconds] of Object.entries(ages)) this.list[key].cells[4] = age(seconds);
+    changed(this.grid);
+  }
+
+  // The last minute, for the small drawing.
+  takePast(key, numbers) {
+    Object.assign(this.list[key], { numbers: numbers.slice(-MINUTE), asked: true, drawn: false });
+    changed(this.grid);
+  }
+
+  // A value with its unit, as sentences show it.
+  spoken(key) {
+    const { cells, unit, text } = this.list[key];
+    return text === undefined || text === "-" ? "not known" : `${cells[1]} ${unit}`.trim();
+  }
+
+  write(key) {
+    const point = this.list[key];
+    if (!this.live.may) { at("lock").open = true; at("token").focus(); return; }
+    const before = this.spoken(key);
+    ask({
+      title: `Write ${point.name}`,
+      lines: [`Now: ${before}`, ...(point.place ? [`At ${point.place}`] : [])],
+      button: "Write",
+      field: { label: point.range ? `New value, ${point.range} ${point.unit}` : `New value ${point.unit}`, words: point.words, hint: point.range },
+      confirm: text => `Write ${text} ${point.unit} in place of ${this.spoken(key)}?`,
+      act: (text, ended) => this.live.act({ write: key, value: text }, why => {
+        ended(why);
+        if (!why) this.live.tell(`${point.name} is written: ${text}, before ${before}`);
+      }),
+    });
+  }
+}
