@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from framekit.definition.check.addresses import units_in
+from framekit.definition.check.addresses import parts_in, units_in
 from framekit.definition.expression import (
     COLUMNS,
     Attribute,
@@ -81,6 +81,8 @@ def check_request_matching(protocol: Protocol, row: ServiceRow) -> Iterator[Prob
         return
     if not read <= _known_names(protocol, row):
         return  # misspelt names are reported elsewhere
+    if "text" not in read:
+        yield from _parts_of_addresses(protocol, row, read)
     if row.service == "write" and not read & SENT and mentions_of(row) & SENT:
         what = "a server cannot tell what this write brings"
         todo = "each: {value: …}" if _list_names(row) else "value: …"
@@ -88,6 +90,18 @@ def check_request_matching(protocol: Protocol, row: ServiceRow) -> Iterator[Prob
     for missing in _missing_names(protocol, row, read):
         what = f"a server cannot tell the {missing} that this {row.service} asks for"
         yield Problem(row.at, what, f"put it into the request, or add back: {{{missing}: …}}, or client_only: yes")
+
+
+def _parts_of_addresses(protocol: Protocol, row: ServiceRow, read: set[str]) -> Iterator[Problem]:
+    """Report parts of an address that `back` uses although the request does not give them: no such request fits."""
+    parts = {part.name for form in protocol.addresses for part in parts_in(form)}
+    unknown = parts - read - {"area", "unit", "start", "count"} - protocol.params.keys() - protocol.state.keys()
+    unknown -= {name for form in protocol.addresses for name in form.results}
+    for expression in row.back.values():
+        for node in walk(expression.root):
+            if isinstance(node, Name) and node.name in unknown:
+                what = f"a server does not know '{node.name}', a part of the address, when it reads a request"
+                yield Problem(node.at, what, f"write request.{node.name} for a field of the request, or give text:")
 
 
 SENT = frozenset({"data", "bits", *AS_NUMBERS})
