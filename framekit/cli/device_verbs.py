@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 import itertools
+import os
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from framekit.cli.common import (
@@ -16,6 +18,8 @@ from framekit.cli.common import (
     WordsError,
     add,
     assignments,
+    each_once,
+    existing,
     load,
     plain,
     print_json,
@@ -285,18 +289,81 @@ def run_write(arguments: argparse.Namespace) -> int:
 def add_call_arguments(parser: argparse.ArgumentParser) -> None:
     add_line(parser)
     parser.add_argument("service", metavar="SERVICE", help="a service of the protocol, other than read and write")
-    parser.add_argument("arguments", nargs="*", metavar="NAME=VALUE", help="an argument; JSON for lists and records")
+    parser.add_argument(
+        "arguments",
+        nargs="*",
+        metavar="NAME=VALUE",
+        help="an argument; JSON for lists and records; @FILE for bytes of a file",
+    )
+    parser.add_argument(
+        "--save",
+        action="append",
+        default=[],
+        metavar="RESULT=FILE",
+        help="write bytes of the results to a new file; may be repeated",
+    )
     parser.add_argument("--address", action="append", default=[], help="an address it is about; may be repeated")
     add(parser, "-n, --count", default=1, help="elements from one address on")
+
+
+def _file_of_result(text: str) -> tuple[str, Path]:
+    """Split `RESULT=FILE` of --save. Raises WordsError, also for a file that exists."""
+    name, equals, file = text.partition("=")
+    if not name or not equals or not file:
+        raise WordsError(f"--save: '{text}' is not RESULT=FILE")
+    if os.path.lexists(file):
+        raise WordsError(f"--save: {file} is there already – name another file, or delete it first")
+    return name, Path(file)
+
+
+def _with_files(protocol: Protocol, service: str, given: dict[str, Any]) -> dict[str, Any]:
+    """Return arguments with the content of their files: `@FILE` of an argument of bytes. Raises WordsError."""
+    taken = [argument for row in protocol.services.get(service, ()) for argument in row.takes]
+    of_bytes = {argument.name for argument in taken if argument.type == "bytes"}
+    found = dict(given)
+    for name, value in given.items():
+        if name in of_bytes and isinstance(value, str) and value.startswith("@"):
+            path = existing(Path(value[1:]))
+            try:
+                found[name] = path.read_bytes()
+            except OSError as error:
+                raise WordsError(f"{path} cannot be read: {error.strerror}") from None
+    return found
+
+
+def _bytes_of(results: Mapping[str, Any], path: str) -> bytes:
+    """Return a result of bytes; names with dots are fields of records. Raises WordsError."""
+    value: Any = results
+    for name in path.split("."):
+        if not isinstance(value, Mapping) or name not in value:
+            known = ", ".join(value) if isinstance(value, Mapping) else ""
+            raise WordsError(f"--save: there is no result '{path}'{f' – known: {known}' if known else ''}")
+        value = value[name]
+    if not isinstance(value, bytes):
+        raise WordsError(f"--save: '{path}' is no result of bytes")
+    return value
+
+
+def _save(path: Path, data: bytes) -> None:
+    """Write a new file. Raises WordsError."""
+    try:
+        with path.open("xb") as file:
+            file.write(data)
+    except OSError as error:
+        raise WordsError(f"--save: {path} cannot be written: {error.strerror}") from None
 
 
 def run_call(arguments: argparse.Namespace) -> int:
     from framekit.codec.plain import PlainValues
     from framekit.codec.result_names import with_names
 
+    places = each_once(_file_of_result(text) for text in arguments.save)
+
     def call(client: Client) -> None:
-        given = assignments(arguments.arguments)
+        given = _with_files(client.protocol, arguments.service, assignments(arguments.arguments))
         answer = client.call(arguments.service, given, addresses=arguments.address, count=arguments.count)
+        for name, path in places.items():
+            _save(path, _bytes_of(answer.results, name))
         if arguments.json:
             results = PlainValues(client.protocol).to_plain("", answer.results)
             print_json({"service": arguments.service, "results": results})

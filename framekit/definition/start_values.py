@@ -14,7 +14,7 @@ from framekit.definition.given_values import GivenEntry, GivenValue
 from framekit.definition.load.reader import parse_bytes, parse_flag, parse_number
 from framekit.definition.model.frames import Layout, by_value_name
 from framekit.definition.model.sections import FLOAT_BITS, StateVariable
-from framekit.definition.model.segments import Bits, Count, Data, Field, FieldType, Length, Repeat, Segment
+from framekit.definition.model.segments import Bits, Count, Data, Field, FieldType, Length, Repeat, Segment, Value
 from framekit.definition.problems import Position, Problem, did_you_mean, plural
 from framekit.definition.times import parse_time
 from framekit.definition.wire_types import bounds_of_bits
@@ -87,14 +87,28 @@ class StartValues:
             self._note(given.at, what, "leave some out")
         return [self._record(layout.segments, item) for item in items]
 
+    def given_fields(self, segments: tuple[Segment, ...], given: GivenValue) -> dict[str, Any]:
+        """Return the given fields of a record, converted; wrong ones are left out, their problems are noted."""
+        try:
+            return self._fields(segments, given)
+        except _WrongError:
+            return {}
+
     def _record(self, segments: tuple[Segment, ...], given: GivenValue) -> dict[str, Any]:
+        """Return a record with the given fields; the others are empty, those that the encoder computes are missing."""
+        fields = self._fields(segments, given)
+        computed = _computed(segments)
+        return {name: value for name, value in empty_record(segments).items() if name not in computed} | fields
+
+    def _fields(self, segments: tuple[Segment, ...], given: GivenValue) -> dict[str, Any]:
         known = by_value_name(segments)
         if given.entries is None:
-            raise self._wrong(given.at, "this is no record", f"write {{NAME: value}} with some of {', '.join(known)}")
-        record = empty_record(segments)
-        computed = {name for name, one in known.items() if isinstance(one, (Count, Length))}
-        for name in computed:  # by the encoder
-            record.pop(name, None)
+            names = ", ".join(
+                name for name, segment in known.items() if not isinstance(segment, (Count, Length, Value))
+            )
+            raise self._wrong(given.at, "this is no record", f"write {{NAME: value}} with some of {names}")
+        computed = _computed(segments)
+        record: dict[str, Any] = {}
         for entry in given.entries:
             segment = known.get(entry.name)
             if segment is None or entry.name in computed:
@@ -218,6 +232,11 @@ class StartValues:
 
 def _bytes(text: str) -> bytes:
     return parse_bytes(text) if text.strip() else b""
+
+
+def _computed(segments: tuple[Segment, ...]) -> set[str]:
+    """Return the names of the values that are computed from others."""
+    return {name for name, one in by_value_name(segments).items() if isinstance(one, (Count, Length, Value))}
 
 
 def empty_record(segments: tuple[Segment, ...]) -> dict[str, Any]:

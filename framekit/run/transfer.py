@@ -637,7 +637,7 @@ def _stored(place: ResultPlace, value: Any, packing: Packing) -> tuple[int, byte
     if isinstance(value, (bytes, str)):
         text = isinstance(value, str)
         data = value.encode("latin-1", "replace") if isinstance(value, str) else value
-        bits, data = (8 * len(data), data) if text else _bytes(place, data, packing)
+        bits, data = (8 * len(data), data) if text else _bytes(place, data.ljust(place.size or 0, b"\0"), packing)
         room = None if place.size is None else 8 * place.size
         what = f"{len(value)} {'characters' if text else 'bytes'}"
     elif isinstance(value, list) and all(isinstance(item, bytes) for item in value):

@@ -77,7 +77,7 @@ class BlockLoader:
         self.places = places = OwnPlaces(reader, grammar)
         self.triggers = TriggerReader(reader, lambda node: places.place(node).address, self.condition, places.room)
         self.transfers = TransferLoader(reader, attempts, places)
-        self.calls = CallLoader(reader, attempts, places)
+        self.calls = CallLoader(reader, attempts, places, folder)
         self.frames = FrameBlockLoader(reader, places)
         self.commands = CommandBlockLoader(reader, folder, root, places)
         self.jobs = JobBlockLoader(reader, places, channels, known, jobs)

@@ -350,7 +350,7 @@ class PointsLoader:
             if key in keys:
                 reader.note(self._at(keys, key), f"'{key}' has no effect: {why}", "remove it")
                 self.attempts.spoilt = True
-        calls = CallLoader(reader, self.attempts, OwnPlaces(reader, self.grammar))
+        calls = CallLoader(reader, self.attempts, OwnPlaces(reader, self.grammar), self.folder)
         service, rows = calls.service(keys, channel)
         if any(wants_address(row) for row in rows):
             raise reader.broken(at, f"'{service}' is about addresses of the device", "call it by a block")
@@ -361,8 +361,8 @@ class PointsLoader:
             raise reader.broken(where, f"'{result}' names no result", "write names with dots, such as time.hour")
         shape = calls.shape(service, [shapes_of(channel.protocol, row) for row in rows], result, where)
         call = PointCall(
-            service=service, arguments=calls.constants(keys, service, rows), packing=packing_of(rows), result=result,
-            scale=shape.scale,
+            service=service, arguments=calls.constants(keys, channel.protocol, service, rows),
+            packing=packing_of(rows), result=result, scale=shape.scale,
         )  # fmt: skip
         return call, self._form_of_result(keys, shape, result, where)
 

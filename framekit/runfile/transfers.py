@@ -9,6 +9,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from collections.abc import Mapping as MappingOf
 from functools import partial
+from pathlib import Path
 from typing import Any, TypeVar
 
 from framekit.definition.check.addresses import is_unit
@@ -16,7 +17,6 @@ from framekit.definition.expression import Expression, Name
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.frames import Frame, field_names, names_needed
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.sections import Argument
 from framekit.definition.model.segments import Data
 from framekit.definition.model.services import COUNTED_STRING, Packing, ServiceRow
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar
@@ -24,8 +24,8 @@ from framekit.definition.nodes import Mapping as MappingNode
 from framekit.definition.problems import Position, did_you_mean, is_nearly, listed, parted, plural
 from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.link.packing import PackingError, memory_of
-from framekit.link.services.rows import TYPES, checked, wants_address
-from framekit.link.variables import ParameterError, given_value
+from framekit.link.services.rows import wants_address
+from framekit.link.variables import given_value
 from framekit.memory.memory import MemoryValueError, unit_bits
 from framekit.memory.views import CountedTextView, NumberView, view_of
 from framekit.run.model import ArgumentPlace, Channel, OwnPlace, ResultPlace
@@ -50,7 +50,8 @@ from framekit.run.transfer import (
     shape_at,
     shapes_of,
 )
-from framekit.runfile.channels import Attempts, raw_value
+from framekit.runfile.argument_values import ArgumentValues, taken_by
+from framekit.runfile.channels import Attempts
 
 T = TypeVar("T")
 
@@ -386,10 +387,11 @@ _ELEMENTS = ("number", "decimal", "flag", "time")
 class CallLoader:
     """Reads the keys of CALL blocks."""
 
-    def __init__(self, reader: Reader, attempts: Attempts, places: OwnPlaces) -> None:
+    def __init__(self, reader: Reader, attempts: Attempts, places: OwnPlaces, folder: Path) -> None:
         self.reader = reader
         self.attempts = attempts
         self.places = places
+        self.values = ArgumentValues(reader, folder)
 
     def service(self, keys: Mapping, channel: Channel) -> tuple[str, tuple[ServiceRow, ...]]:
         """Return the name of the called service and its rows. Raise Broken."""
@@ -406,7 +408,7 @@ class CallLoader:
         return name, rows
 
     def constants(
-        self, keys: Mapping, name: str, rows: tuple[ServiceRow, ...], places: tuple[Entry, ...] = ()
+        self, keys: Mapping, protocol: Protocol, name: str, rows: tuple[ServiceRow, ...], places: tuple[Entry, ...] = ()
     ) -> dict[str, Any]:
         """Return the constant arguments of a call; `places`: the arguments that come from the memory."""
         node, entries = keys.get("call"), self.reader.entries(keys.get("with"))
@@ -414,7 +416,7 @@ class CallLoader:
         found: dict[str, Any] = {}
         for entry in entries:
             with self.reader.going_on():
-                found[entry.key.text] = self._value(rows, entry)
+                found[entry.key.text] = self.values.read(protocol, rows, entry)
         return found
 
     def read(self, keys: Mapping, channel: Channel) -> dict[str, Any]:
@@ -425,7 +427,7 @@ class CallLoader:
         at = keys.at if node is None else node.at
         places = self._named(keys.get("from"), name, "ARGUMENT")
         sizes = {entry.key.text: entry for entry in reader.entries(keys.get("size"))}
-        arguments = self.constants(keys, name, rows, places)
+        arguments = self.constants(keys, protocol, name, rows, places)
         argument_places = {}
         for entry in places:
             if entry.key.text in arguments:
@@ -464,22 +466,10 @@ class CallLoader:
 
     # ---- arguments ----------------------------------------------------------------------------------------
 
-    def _value(self, rows: tuple[ServiceRow, ...], entry: Entry) -> Any:
-        """Return a value as its argument takes it, checked if all rows agree on the type. Raise Broken."""
-        taken = _taken(rows, entry.key.text)
-        if not taken or taken[0].type not in TYPES or any(one.type != taken[0].type for one in taken):
-            return self.reader.constant(entry.value)
-        value = raw_value(self.reader, entry.value)
-        refusals = [error for one in taken if (error := _refusal(one, value)) is not None]
-        if len(refusals) == len(taken):
-            what, _, todo = str(refusals[0]).replace("parameter", "argument", 1).partition(" – ")
-            raise self.reader.broken(entry.value.at, what, todo)
-        return value
-
     def _from(self, rows: tuple[ServiceRow, ...], entry: Entry, sizes: dict[str, Entry]) -> ArgumentPlace:
         """Return the place from which an argument is read. Raise Broken."""
         name, reader = entry.key.text, self.reader
-        taken = _taken(rows, name)
+        taken = taken_by(rows, name)
         type_ = taken[0].type if taken else "number"
         if type_ not in (*_BYTES, *_ELEMENTS, "list") or any(one.type != type_ for one in taken):
             raise reader.broken(entry.key.at, f"'{name}' cannot come from the memory", "give it in with:")
@@ -606,19 +596,6 @@ def packing_of(rows: tuple[ServiceRow, ...]) -> Packing:
     """Return how the rows of a service pack elements into data if all agree, else the plain packing."""
     packings = {row.packing for row in rows}
     return packings.pop() if len(packings) == 1 else Packing()
-
-
-def _refusal(argument: Argument, value: Any) -> ParameterError | None:
-    """Return why an argument does not accept a value, or None if it accepts it."""
-    try:
-        checked(argument, value)
-    except ParameterError as error:
-        return error
-    return None
-
-
-def _taken(rows: tuple[ServiceRow, ...], name: str) -> list[Argument]:
-    return [argument for row in rows for argument in row.takes if argument.name == name]
 
 
 # ---- places and values of the own memory -------------------------------------------------------------------

@@ -218,6 +218,36 @@ def test_long_conditions_are_broken_where_python_allows_it(first: str, word: str
         assert scope["result"] == int(expected(values))
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "1 if alpha and beta or gamma else 2",
+        "alpha and beta or gamma if gamma or alpha and beta else beta",
+        "1 if alpha else 2 if beta or gamma and alpha else 3 if gamma else 4",
+        "(1 if alpha else 2) | (4 if beta and gamma else 8)",
+        "alpha or (beta if gamma else alpha) and beta",
+    ],
+)
+@pytest.mark.parametrize("lead", ["result = ", 'values["result"] = ', "return "])
+def test_long_choices_mean_the_same_on_several_lines(text: str, lead: str) -> None:
+    """A choice binds weaker than `or` and `and`: operands of these must not reach over its words."""
+    longer = {
+        name: f"{name}_with_a_name_that_makes_each_of_these_lines_too_long" for name in ("alpha", "beta", "gamma")
+    }
+    for name, long in longer.items():
+        text = text.replace(name, long)
+    lines = broken(f"    {lead}{text}")
+    assert len(lines) > 1
+    for place in range(8):
+        known = {long: place >> bit & 1 for bit, long in enumerate(longer.values())}
+        scope: dict[str, Any] = dict(known)
+        body = "\n".join(["def f():", "    values = {}", *lines, "    return result" if lead[0] == "r" else ""])
+        if lead.startswith("values"):
+            body += "    return values['result']"
+        exec(body, scope)
+        assert scope["f"]() == eval(text, dict(known)), text
+
+
 def test_no_more_codecs_are_kept_than_definitions(monkeypatch: pytest.MonkeyPatch) -> None:
     """A codec that falls out is made again when it is asked for; the one used last stays."""
     monkeypatch.setattr(keeping, "MOST_KEPT", 4)

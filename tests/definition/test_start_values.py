@@ -106,7 +106,7 @@ def test_every_key_of_a_table_with_one_start_value_is_found(tmp_path: Path) -> N
                 "'mark' has 2 bytes – write them as hex pairs",
                 "'5' is not a time – write a number and a unit (ms, s, min, h, d), such as 50 ms or 3 s",
                 "this is no record – write {NAME: value} with some of slot, group, text, mark, late, on, mode, day, "
-                "n, parts",
+                "parts",
             ],
         ),
         ({"faults": "[{n: 1, mode: 4, day: 100}]"}, [

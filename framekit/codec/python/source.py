@@ -10,7 +10,7 @@ from __future__ import annotations
 import builtins
 import keyword
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
 from itertools import groupby
@@ -83,7 +83,9 @@ class Source:
         return "\n".join(self.lines) + "\n"
 
 
-_LOGIC = re.compile(r"""(\s*)((?:lambda n: |return |\w+(?:: \w+)? [+|]?= |\w+=|"[^"]*": )?)(.*?)(,?)""", re.DOTALL)
+_LOGIC = re.compile(
+    r"""(\s*)((?:lambda n: |return |(?:\w+(?:: \w+)?|\w+\["[^"]*"\]) [+|]?= |\w+=|"[^"]*": )?)(.*?)(,?)""", re.DOTALL
+)
 """A line with an expression: indentation, an optional name or key, the expression, an optional comma."""
 
 
@@ -92,13 +94,10 @@ def broken(line: str) -> list[str]:
     if len(line) <= WIDTH:
         return [line]
     if (start := re.match(r"(\s*)(if|elif|while) (.*):$", line)) is not None:
-        word = _weakest(start[3])
-        if word is not None:
-            return [f"{start[1]}{start[2]} (", *_joined(start[3], word, start[1]), f"{start[1]}):"]
-    elif (logic := _LOGIC.fullmatch(line)) is not None:
-        word = _weakest(logic[3])
-        if word is not None:
-            return [f"{logic[1]}{logic[2]}(", *_joined(logic[3], word, logic[1]), f"{logic[1]}){logic[4]}"]
+        if operands := _operands(start[3]):
+            return [f"{start[1]}{start[2]} (", *_joined(operands, start[1]), f"{start[1]}):"]
+    elif (logic := _LOGIC.fullmatch(line)) is not None and (operands := _operands(logic[3])):
+        return [f"{logic[1]}{logic[2]}(", *_joined(operands, logic[1]), f"{logic[1]}){logic[4]}"]
     if (targets := re.match(r"(\s*)((?:\w+, )+\w+)( = .*)$", line)) is not None and len(targets[2]) > WIDTH // 2:
         rows = _packed(targets[2].split(", "), targets[1])
         return [f"{targets[1]}(", *rows, *broken(f"{targets[1]}){targets[3]}")]
@@ -125,23 +124,43 @@ def broken(line: str) -> list[str]:
     return [line[: opening + 1], *inner, indent + line[closing:]]
 
 
-def _joined(text: str, word: str, indent: str) -> list[str]:
-    """Return the operands of an operator, each on lines of its own, deeper than `indent`, with the operator first."""
-    first, *others = _split(text, word)
-    found = broken(f"{indent}{INDENT}{first}")
-    for part in others:
-        line, *rest = broken(f"{indent}{INDENT}{part}")
-        found += [f"{indent}{INDENT}{word.strip()} {line.strip()}", *rest]
+def _joined(operands: Sequence[tuple[str, str]], indent: str) -> list[str]:
+    """Return operands, each on lines of its own, deeper than `indent`, with the operator first."""
+    found: list[str] = []
+    for operator, operand in operands:
+        line, *rest = broken(f"{indent}{INDENT}{operand}")
+        found += [f"{indent}{INDENT}{operator}{line.strip()}", *rest]
     return found
 
 
-def _weakest(text: str) -> str | None:
-    """Return the weakest operator between conditions, or between bits, outside of brackets; None if there is none."""
-    word = next((word for word in (" or ", " and ") if len(_split(text, word)) > 1), None)
+_BITS = re.compile(r"\w+( << \d+)?")
+
+
+def _operands(text: str) -> list[tuple[str, str]]:
+    """Return the operands of the weakest operator outside of brackets, each with the operator before it.
+
+    Operators are those of a choice (`a if c else b`), `or` and `and`, and `|` between plain operands. Return an empty
+    list if the text has none of them.
+    """
+    if choice := _parts_of_choice(text):
+        return choice
+    for word in (" or ", " and "):
+        if len(parts := _split(text, word)) > 1:
+            return [("", parts[0]), *((word.lstrip(), part) for part in parts[1:])]
     bits = _split(text, " | ")
-    if word is None and len(bits) > 1 and all(re.fullmatch(r"\w+( << \d+)?", part) for part in bits):
-        return " | "
-    return word
+    if len(bits) > 1 and all(_BITS.fullmatch(part) for part in bits):
+        return [("", bits[0]), *(("| ", part) for part in bits[1:])]
+    return []
+
+
+def _parts_of_choice(text: str) -> list[tuple[str, str]]:
+    """Return the operands of `a if c else b`, which may go on with `if d else e`; an empty list for other texts."""
+    found: list[tuple[str, str]] = []
+    for place, part in enumerate(_split(text, " else ")):
+        value, *condition = _split(part, " if ")
+        found.append(("else " if place else "", value))
+        found += [("if ", operand) for operand in condition]
+    return found if len(found) > 1 and " for " not in text else []
 
 
 def _packed(items: list[str], indent: str) -> list[str]:
