@@ -25,8 +25,9 @@ from framekit.run.trouble import TroubleReport
 from framekit.runfile.channels import line_of
 from framekit.runfile.devices import Device as Device
 from framekit.runfile.devices import DeviceSettings, load_devices, with_faults
+from framekit.runfile.fault_plans import offered_faults
 from framekit.service.capture import Capture
-from framekit.service.device import Serving, ServingMonitor, check_line
+from framekit.service.device import DeviceStore, Serving, ServingMonitor, check_line
 from framekit.service.driver import LineLoad
 from framekit.service.points import DevicePoints
 from framekit.transport.clock import AsyncioClock
@@ -104,6 +105,19 @@ class AsyncServer:
                 raise RequestError(str(error)) from None
             raise
         return self
+
+    def offer_faults(self) -> None:
+        """Give every device faults that can be switched on while it is served; call it before `open`."""
+        self.devices = tuple(
+            replace(device, faults=offered if device.faults is None else device.faults.joined(offered))
+            for device in self.devices
+            for offered in (offered_faults(device.protocol),)
+        )
+
+    @property
+    def stores(self) -> Sequence[DeviceStore]:
+        """Return the data of each device: its memory and its faults."""
+        return self._opened().stores
 
     def _seen(self, port: str, number: int, seen: Seen) -> None:
         if self._monitor is not None:

@@ -90,6 +90,7 @@ class WebPage:
             return
         from framekit.api.server import view_of_devices
 
+        devices.offer_faults()
         before = devices.watch
         self._view = view_of_devices(devices, self.log, lambda: "open")
         shows = devices.watch

@@ -236,6 +236,8 @@ class FaultRule:
     data: bytes | None = None
     before: bool = False
     code: int | None = None
+    is_on: bool = True
+    """Whether the rule is switched on at the start; users of the page switch rules."""
     at: Position = NOWHERE
 
     @property

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from framekit.definition.load.documents import load_file
@@ -206,6 +207,30 @@ def mismatches(plan: FaultPlan, protocol: Protocol, *, line: bool) -> Iterator[P
             yield Problem(rule.at, f"frames of '{protocol.name}' name no station", "leave this rule out")
         elif rule.kind == "error_reply" and not protocol.services:
             yield Problem(rule.at, f"'{protocol.name}' has no services that could be refused", "leave this rule out")
+
+
+OFFERED = FaultPlan(
+    name="offered",
+    rules=(
+        FaultRule(kind="no_reply", is_on=False),
+        FaultRule(kind="delay", time=500_000_000, is_on=False),
+        FaultRule(kind="wrong_check", is_on=False),
+        FaultRule(kind="wrong_station", is_on=False),
+        FaultRule(kind="error_reply", is_on=False),
+        FaultRule(kind="truncate", is_on=False),
+        FaultRule(kind="extra", is_on=False),
+        FaultRule(kind="disconnect", times=1, is_on=False),
+    ),
+)
+"""Faults that a user can switch on while a device is served; all are off at the start."""
+
+
+def offered_faults(protocol: Protocol) -> FaultPlan:
+    """Return the offered faults that a device of this protocol can have."""
+    rules = (
+        rule for rule in OFFERED.rules if not any(mismatches(replace(OFFERED, rules=(rule,)), protocol, line=False))
+    )
+    return replace(OFFERED, rules=tuple(rules))
 
 
 def _has_check(protocol: Protocol, frame: str | None) -> bool:

@@ -189,13 +189,14 @@ class RuleAtWork:
     def __init__(self, model: FaultRule, random: Random) -> None:
         self.model = model
         self.random = random
+        self.is_on = model.is_on
         self.seen = 0
         self.done = 0
 
     def fits(self, time: int, frame: str | None) -> bool:
-        """Return whether the rule applies to a frame at a time of the plan."""
+        """Return whether the rule is switched on and applies to a frame at a time of the plan."""
         model = self.model
-        return model.begin <= time < model.end and (model.frame is None or model.frame == frame)
+        return self.is_on and model.begin <= time < model.end and (model.frame is None or model.frame == frame)
 
     def hits(self) -> bool:
         """Return whether the rule hits this occurrence."""
@@ -300,13 +301,14 @@ class FaultyPort(PassingPort):
             model = rule.model
             begin, end = injector.at(model.begin), injector.at(model.end)
             if model.is_window and end > now:
-                self._later(max(begin, now), partial(self._cut_in_window, end))
+                self._later(max(begin, now), partial(self._cut_in_window, rule, end))
         for rule in injector.of("stray"):
             self._plan_stray(rule)
 
-    def _cut_in_window(self, end: int) -> None:
-        self.injector.note("disconnect")
-        self._cut(end)
+    def _cut_in_window(self, rule: RuleAtWork, end: int) -> None:
+        if rule.is_on:
+            self.injector.note("disconnect")
+            self._cut(end)
 
     # ---- out ----------------------------------------------------------------------------------------------
 
@@ -395,7 +397,7 @@ class FaultyPort(PassingPort):
             self._later(when, partial(self._stray, rule))
 
     def _stray(self, rule: RuleAtWork) -> None:
-        if rule.hits():
+        if rule.is_on and rule.hits():
             self.injector.note("stray")
             self._queue.append(_Item(0, self.injector.noise(rule), owners=False))
             self._go_on()

@@ -65,6 +65,8 @@ class WebSession:
             "do": self._do,
             "write": self._write,
         }
+        if board.shown.devices is not None:
+            self._actions = {**self._actions, **board.shown.devices.actions(self._tried, who)}
 
     @property
     def wrong_tokens(self) -> int:
@@ -83,6 +85,7 @@ class WebSession:
             "stored": shown.stored is not None,
             "began": self.board.began,
             "chart": CHART,
+            "devices": [] if shown.devices is None else shown.devices.described(),
             "tables": [[table.name, table.head] for table in shown.tables],
             "pointHead": POINT_HEAD,
             "points": [_about(group, point) for group, point in self.board.points],

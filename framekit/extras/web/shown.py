@@ -35,6 +35,7 @@ from framekit.api.server import AsyncServer
 from framekit.codec.shown import shown
 from framekit.definition.problems import plural
 from framekit.extras.web.cards import ERRORS_OVER, Card, Rate, RunCards, error_card, exchange_card
+from framekit.extras.web.device_view import DeviceView
 from framekit.extras.web.history import StoredHistory, number_of
 from framekit.run.model import POINTS_SET
 from framekit.run.points import PointValue
@@ -154,6 +155,8 @@ class Shown:
     """Executes a command such as `fire 3`, and raises RequestError; None if the page has no commands."""
     stored: StoredHistory | None = None
     """Older values; None if the run keeps none."""
+    devices: DeviceView | None = None
+    """The memory and the faults of served devices; None for a run."""
 
     @property
     def log(self) -> FrameLog:
@@ -263,4 +266,7 @@ def shown_server(server: AsyncServer, view: LiveView) -> Shown:
     )
     names = ["" if len(alone) == 1 else device.name for device in alone]
     groups = list(zip(names, server.points, strict=True))
-    return Shown(home="run.html", title=f"serve {server.about}", view=view, tables=tables, look=look, groups=groups)
+    return Shown(
+        home="devices.html", title=f"serve {server.about}", view=view, tables=tables, look=look, groups=groups,
+        devices=DeviceView(server),
+    )  # fmt: skip

@@ -241,28 +241,6 @@ def test_a_phone_shows_the_page_without_scrolling_sideways(tmp_path: Path) -> No
 
 @needs_chromium
 @pytest.mark.long
-def test_values_of_a_device_are_shown_and_set(tmp_path: Path) -> None:
-    oven = str(ROOT / "examples" / "oven.device.yaml")
-    with browser() as page, program(tmp_path, "serve", oven, "--port", "tcp://127.0.0.1:0") as (url, token):
-        page.open(url)
-        page.until(lambda: value(page, "setpoint") == "180.0")
-        assert {row[2] for row in page.rows("devices")} == {"modbus-tcp"}
-        page.open(f"{url}#token={token}")
-        page.until(lambda: page.text("#may") == "May fire and write")
-        page.press("points", "setpoint")
-        page.until(lambda: "Now: 180.0" in page.text("#ask"))
-        page.type("#value", "30")
-        page.click("#ask .main")
-        page.click("#ask .main")
-        page.until(lambda: value(page, "setpoint") == "30.0")
-        first = value(page, "temperature")
-        page.until(lambda: value(page, "temperature") != first)
-        picture(page, "web-device.png")
-        assert page.errors() == []
-
-
-@needs_chromium
-@pytest.mark.long
 def test_the_pictures_of_a_run(tmp_path: Path) -> None:
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
     with browser() as page, program(tmp_path / "examples", "run", "oven.run.yaml") as (url, _):

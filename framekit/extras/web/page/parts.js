@@ -3,6 +3,7 @@
 import { sparkline } from "./draw.js";
 
 const ROW = 30, TALLEST = 361, WIDEST = 48, WIDEST_LAST = 100;
+const KINDS = { spark: "16ch", button: "11ch" };
 
 export class Grid {
   // `columns`: {title, look, kind} of each; kind "spark" draws the numbers of a row, kind "button" has a button.
@@ -18,13 +19,15 @@ export class Grid {
     const table = element("table", place), group = element("colgroup", table);
     const top = element("tr", element("thead", table));
     this.bars = columns.map(() => element("col", group));
+    this.texts = columns.map((_, at) => at).filter(at => !columns[at].kind);
+    columns.forEach(({ kind }, at) => { if (kind) this.bars[at].style.width = KINDS[kind]; });
     for (const column of columns) Object.assign(element("th", top), { textContent: column.title, className: /right/.exec(column.look ?? "") ?? "", scope: "col" });
     this.before = element("td", element("tr", element("tbody", table)));
     this.body = element("tbody", table);
     this.after = element("td", element("tr", element("tbody", table)));
     this.before.style.height = this.after.style.height = "0";
     this.before.style.padding = this.after.style.padding = "0";
-    this.measure(columns.map(column => column.title));
+    this.measure(this.texts.map(at => columns[at].title));
     place.tabIndex = 0;
     place.addEventListener("scroll", () => this.moved());
     place.addEventListener("keydown", event => this.key(event));
@@ -33,13 +36,10 @@ export class Grid {
 
   measure(cells) {
     cells.forEach((text, at) => {
-      const { kind } = this.columns[at] ?? {};
-      if (kind && this.widths[at]) return;
-      const most = at === cells.length - 1 ? WIDEST_LAST : WIDEST;
-      const length = kind === "spark" ? 13 : kind === "button" ? 8 : Math.min(most, text.length);
+      const length = Math.min(at === cells.length - 1 ? WIDEST_LAST : WIDEST, text.length);
       if (length > (this.widths[at] ?? -1)) {
         this.widths[at] = length;
-        this.bars[at].style.width = `${length + 3}ch`;
+        this.bars[this.texts[at]].style.width = `${length + 3}ch`;
       }
     });
   }

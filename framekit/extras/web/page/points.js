@@ -9,13 +9,13 @@ const MOST_ASKED = 64;
 
 export class Points {
   // `live`: the connection; `picked(key)`: a point was chosen; `marked(key)`: the number of its colour, or -1.
-  constructor(live, { picked, marked }) {
-    this.live = live;
-    this.list = [];
+  // `behaves`: the points are values of devices, which behave instead of being good and having an age.
+  constructor(live, { picked, marked, behaves = false }) {
+    Object.assign(this, { live, behaves, list: [] });
+    const state = behaves ? [{ title: "Behaviour", look: "muted" }] : [{ title: "Quality", look: "quality" }, { title: "Age", look: "right muted" }];
     const columns = [
-      { title: "Point", look: "strong" }, { title: "Value", look: "right" }, { title: "Unit", look: "muted" },
-      { title: "Quality", look: "quality" }, { title: "Age", look: "right muted" }, { title: "Last minute", kind: "spark" },
-      { title: "", kind: "button" },
+      { title: behaves ? "Value of" : "Point", look: "strong" }, { title: "Value", look: "right" }, { title: "Unit", look: "muted" },
+      ...(behaves ? [] : state), { title: "Last minute", kind: "spark" }, { title: "", kind: "button" }, ...(behaves ? state : []),
     ];
     const button = { text: "Write", shown: row => row.writable, pressed: key => this.write(key) };
     this.grid = new Grid(at("points").querySelector(".grid"), columns, { picked, marked, button });
@@ -24,10 +24,11 @@ export class Points {
     onTheme(() => { for (const point of this.list) point.drawn = false; changed(this.grid); });
   }
 
-  begin(described) {
+  // `behaviours`: sentences by the names of points.
+  begin(described, behaviours = new Map()) {
     this.list.length = 0;
     described.forEach(([name, unit, place, about, writable, range, words, group], key) => this.list.push(
-      { key, state: "stale", cells: [name, "–", unit, "", ""], numbers: [], number: null, name, unit, place, about, writable, range, words, of: group }));
+      { key, state: "stale", cells: [name, "–", unit, "", ""].slice(0, this.behaves ? 4 : 5), numbers: [], number: null, name, unit, place, about, writable, range, words, of: group, behaviour: behaviours.get(name) ?? "" }));
     this.groups = [...new Set(this.list.map(point => point.of))];
     const select = at("group"), before = select.value;
     select.replaceChildren();
@@ -42,7 +43,8 @@ export class Points {
     for (const [key, [text, quality, reason, number]] of Object.entries(values)) {
       const point = this.list[key];
       Object.assign(point, { text, number, state: quality === "good" ? "" : quality });
-      point.cells = [point.name, value(text, number), point.unit, reason ? `${quality}, ${reason}` : quality, point.cells[4]];
+      const state = this.behaves ? [point.behaviour] : [reason ? `${quality}, ${reason}` : quality, point.cells[4]];
+      point.cells = [point.name, value(text, number), point.unit, ...state];
     }
     if (at("group").value === "!") this.arrange();
     else changed(this.grid);
@@ -71,7 +73,7 @@ export class Points {
     const shown = (this.grid.shown ?? []).filter(row => !row.group).slice(0, MOST_ASKED), fresh = shown.filter(point => !point.asked);
     fresh.forEach(point => { point.asked = true; });
     if (fresh.length) this.live.say({ history: fresh.map(point => point.key), last: MINUTE });
-    if (shown.length) this.live.say({ ages: shown.map(point => point.key) });
+    if (shown.length && !this.behaves) this.live.say({ ages: shown.map(point => point.key) });
     changed(this.grid);
   }
 

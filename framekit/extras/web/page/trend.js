@@ -1,4 +1,4 @@
-// The course of chosen points: a lane for each unit, one time axis. The last minutes come from memory and go on; longer
+// The course of chosen points: a lane for each unit, and for each point without a unit; one time axis. The last minutes come from memory and go on; longer
 // spans come from the history of the run.
 import { ink } from "./draw.js";
 import { element } from "./parts.js";
@@ -103,9 +103,8 @@ export class Trend {
     const hint = !window.uPlot ? "There are no charts: install framekit with the extra 'web' again" : !this.chosen.length ? "Choose points in the table to see their course" : "";
     if (hint) Object.assign(element("p", at("lanes")), { className: "empty", textContent: hint });
     if (hint || !this.data) return;
-    const units = Map.groupBy(this.chosen, key => this.points.list[key].unit);
-    const high = (HIGH - AXIS) / units.size;
-    for (const [unit, keys] of units) this.lanes.push(this.lane(unit, keys, high, this.lanes.length === units.size - 1));
+    const lanes = Map.groupBy(this.chosen, key => this.points.list[key].unit || key), high = (HIGH - AXIS) / lanes.size;
+    for (const keys of lanes.values()) this.lanes.push(this.lane(this.points.list[keys[0]].unit, keys, high, this.lanes.length === lanes.size - 1));
     this.follow();
   }
 
