@@ -12,7 +12,7 @@ unexport PYTHONDONTWRITEBYTECODE
 .PHONY: demo test check lint bench docs guess-score clean
 
 demo: $(DEMO)
-	$(BIN)/framekit run examples/third-party-plc.run.yaml --for 5s
+	$(BIN)/framekit demo
 
 test: $(STAMP)
 	$(BIN)/python -m pytest -q -n auto --dist worksteal $(WHICH)

@@ -53,10 +53,10 @@ MOST_WORDS = 12
 """Largest number of words of a place that are read."""
 
 
-def stored_words(service: RunService) -> list[tuple[str, str]]:
-    """Return the places that blocks have stored data in, and their words, up to `MOST_WORDS`."""
+def stored_words(service: RunService, number: int | None = None) -> list[tuple[str, str]]:
+    """Return the places that blocks, or one block, have stored data in, and their words, up to `MOST_WORDS`."""
     found = []
-    for state in service.states.values():
+    for state in service.states.values() if number is None else (service.states[number],):
         for place, bits in _stored_by(service, state.block) if state.done else ():
             area = service.memory.area(place.address.area)
             first = place.address.first_bit // 16
@@ -286,9 +286,12 @@ class RunCalls:
         found: RunStatus = self._do(lambda: run_status(self._service))
         return found
 
-    def stored(self) -> list[tuple[str, str]]:
-        """Return the places of the own memory that blocks have stored data in, with their words, up to a limit."""
-        found: list[tuple[str, str]] = self._do(lambda: stored_words(self._service))
+    def stored(self, number: int | None = None) -> list[tuple[str, str]]:
+        """Return the places of the own memory that blocks, or one block, have stored data in.
+
+        Each place comes with its words, up to a limit.
+        """
+        found: list[tuple[str, str]] = self._do(lambda: stored_words(self._service, number))
         return found
 
     def published(self) -> dict[int, dict[str, Any]]:
@@ -426,6 +429,11 @@ class RunCalls:
         self._do(self._service.reset)
 
     # ---- waiting ------------------------------------------------------------------------------------------
+
+    def watch_blocks(self, callback: OnBlockEnd) -> None:
+        """Call `callback` at the end of each exchange of a block, in the thread of the run, until the run ends."""
+        self._listeners.append(callback)
+        self._service.on_end = self._ended
 
     def _listen(self, number: int | None, told: Callable[[BlockStatus], None]) -> Callable[[], None]:
         """Report completions of a block, or of any; the returned function ends that."""

@@ -36,6 +36,10 @@ AT_ONCE = 1 << 16
 RETRY = 1.0
 """Seconds between two attempts to write to a stream that fails, such as a file on a full disk."""
 
+ERASE = "\r\x1b[{}A\x1b[J"
+NO_WRAP, WRAP = "\x1b[?7l", "\x1b[?7h"
+"""Control characters of a terminal: delete the last lines; cut long lines off, or continue them in the next line."""
+
 ERRORS = "standard error"
 UNREAD = "its reader does not read"
 GONE = "its reader has gone"
@@ -73,6 +77,7 @@ class QueuedStream:
         """What the user can do when the queue is full."""
         self._loss_line, self._on_gone = loss_line, on_gone
         self._encoded, self._write = _functions_of(stream)
+        self._encoding: str = getattr(unguarded(stream), "encoding", None) or "utf-8"
         self._change = threading.Condition()
         self._queue: deque[bytes] = deque()
         self._begun: dict[int, io.StringIO] = {}
@@ -85,6 +90,8 @@ class QueuedStream:
         self._source: TroubleSource | None = None
         """The trouble while lines may be dropped."""
         self._has_thread = self._ending = self._closed = False
+        self._drawn = 0
+        """Lines of the drawing that ends the output."""
 
     # ---- for those who print ------------------------------------------------------------------------------
 
@@ -126,6 +133,17 @@ class QueuedStream:
     def __getattr__(self, name: str) -> Any:
         return getattr(self.stream, name)
 
+    def draw(self, lines: list[str]) -> None:
+        """Show harmless lines at the end of a terminal, in place of those that were drawn before.
+
+        Printed lines erase the drawing. While lines wait to be written, nothing is drawn.
+        """
+        with self._change:
+            if not (self._waiting or self._closed or self.gone or self._is_full):
+                text = "".join(f"{line}\r\n" for line in lines)
+                self._put(f"{NO_WRAP}{text}{WRAP}".encode(self._encoding, "backslashreplace"))
+                self._drawn = len(lines)
+
     def _take(self, lines: str) -> TroubleSource | None:
         """Queue or drop lines; return the trouble if they are the first to be dropped."""
         number, source = lines.count("\n"), self._source
@@ -142,6 +160,9 @@ class QueuedStream:
         return None
 
     def _put(self, data: bytes) -> None:
+        if self._drawn:
+            data = ERASE.format(self._drawn).encode() + data
+            self._drawn = 0
         self._queue.append(data)
         self._waiting += len(data)
         self._waiting_lines += data.count(b"\n")

@@ -15,6 +15,7 @@ from framekit.cli.common import WordsError, print_error_data
 from framekit.definition import PATH_VARIABLE, ROOT_VARIABLE
 
 VERBS = {
+    "demo": "show for half a minute a simulated device, its values and its frames",
     "check": "check definitions and run files",
     "encode": "make the bytes of a frame",
     "decode": "tell which frame some bytes are, and its fields",

@@ -6,6 +6,7 @@ import sys
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import asdict, replace
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 from framekit.api.rows import (
@@ -39,6 +40,7 @@ from framekit.cli.common import (
     tables,
     told,
 )
+from framekit.cli.run_values import Change, ValueChanges, ValueTable, draws
 from framekit.codec.shown import shown
 from framekit.definition.problems import plural
 from framekit.definition.times import format_time, milliseconds
@@ -59,6 +61,7 @@ if TYPE_CHECKING:
         Trouble,
         TroubleReport,
     )
+    from framekit.cli.live_output import LiveOutput
 
 
 LOAD_HEAD = ("block", "what", "starts", "frames", "bytes", "takes", "load", "note")
@@ -203,13 +206,26 @@ SOON = 20_000_000
 """Longest delay (ns) of the output of an event; all events until then are printed together."""
 
 
-class RunOutput:
-    """Watches a run, which is `at_work` once it has been made with this output as its monitor."""
+FRAMES = ("frame", "bad", "noise", "not_taken", "break")
+"""Kinds of events that only `--frames` shows."""
 
-    def __init__(self, run: RunModel, loads: tuple[ChannelLoad, ...] = ()) -> None:
+
+class RunOutput:
+    """Watches a run, which is `at_work` once it has been made with this output as its monitor.
+
+    `with_frames`: show frames and damaged bytes. `quiet`: show troubles only.
+    """
+
+    def __init__(
+        self, run: RunModel, loads: tuple[ChannelLoad, ...] = (), *, with_frames: bool = False, quiet: bool = False
+    ) -> None:
         self.run = run
         self.loads = loads
+        self.with_frames, self.quiet = with_frames, quiet
         self.as_ascii = False
+        self.live: LiveOutput | None = None
+        """The output of a run in real time; on a terminal it shows the table of the points."""
+        self._values: ValueChanges | None = None
         self.at_work: RunCalls | None = None
         from framekit.api.run import Tape
 
@@ -230,8 +246,10 @@ class RunOutput:
         return self.at_work
 
     def watches(self, run: RunCalls) -> None:
-        """Print the frames of this run, which has been made and not begun."""
+        """Print the events of this run, which has been made and not begun."""
         self.at_work = run
+        if not self.quiet:
+            self._values = ValueChanges(run, self.described, self._begins)
         self._channels = {number: run.channel(number) for number in run.lines()}
         run.on_channel = self._is_other
         run.watch_troubles(self.trouble)
@@ -255,17 +273,29 @@ class RunOutput:
     def catch_up(self) -> None:
         """Print everything that was seen and is not printed yet."""
         records = self.tape.take()
-        if records:
-            put("\n".join([*self.lines(records), ""]))
+        if not self.with_frames:
+            records = [record for record in records if len(record) == 2 and record[1].kind not in FRAMES]
+        lines = list(self.lines(records)) if records else []
+        if self._values is not None and (changes := self._values.take()):
+            timed = [*zip(map(_time_of, records), lines, strict=True), *self.value_lines(self._values, changes)]
+            lines = [line for _, line in sorted(timed, key=itemgetter(0))]
+        if lines:
+            put("\n".join([*lines, ""]))
 
     def lines(self, records: list[Record]) -> Iterable[str]:
         """Return a line for each record."""
+        raise NotImplementedError
+
+    def value_lines(self, values: ValueChanges, changes: list[Change]) -> Iterable[tuple[int, str]]:
+        """Return time and line of the changes of values."""
         raise NotImplementedError
 
     def edited(self, edit: Edit) -> None:
         """Take over an edited run; forget the loads of the channels that the edit has touched."""
         self.catch_up()
         self.run = edit.run
+        if self._values is not None:
+            self._values.know(edit.run)
         self.loads = tuple(load for load in self.loads if load.channel.number not in edit.touched)
         for warning in edit.warnings:
             self.warning(told(warning))
@@ -305,6 +335,11 @@ def _station_of(block: Block) -> str | None:
     return None if block.station is None or block.job is not None else str(shown(block.station))
 
 
+def _time_of(record: Record) -> int:
+    time: int = record[1].at if len(record) == 2 else record[2]
+    return time
+
+
 def put(text: str) -> None:
     """Print whole lines at once."""
     sys.stdout.write(text)
@@ -312,7 +347,18 @@ def put(text: str) -> None:
 
 
 class TextOutput(RunOutput):
-    """A line for everything seen, and a table at the end."""
+    """A line for each change of a value, or a table of the values on a terminal; the counters at the end."""
+
+    def watches(self, run: RunCalls) -> None:
+        super().watches(run)
+        live, values = self.live, self._values
+        self._has_table = False
+        if live is not None and values is not None and not self.with_frames and len(run.points) and draws(live.output):
+            self._has_table = True
+            ValueTable(run, values, live.output)
+
+    def value_lines(self, values: ValueChanges, changes: list[Change]) -> Iterable[tuple[int, str]]:
+        return () if self._has_table else values.lines(changes)
 
     def lines(self, records: list[Record]) -> Iterable[str]:
         began, as_ascii = self.run_at_work.began, self.as_ascii
@@ -339,6 +385,8 @@ class TextOutput(RunOutput):
 
     def summary(self, run: RunCalls) -> None:
         self.catch_up()
+        if self.quiet:
+            return
         status = run.status()
         rows = []
         for block, one, last in self.blocks(status):
@@ -368,7 +416,10 @@ class TextOutput(RunOutput):
 
 
 class JsonOutput(RunOutput):
-    """Print one JSON object a line: events of the lines, then `block` and `channel` objects at the end."""
+    """Print one JSON object a line: values and events, then `block`, `point` and `channel` objects at the end."""
+
+    def value_lines(self, values: ValueChanges, changes: list[Change]) -> Iterable[tuple[int, str]]:
+        return values.json_lines(changes)
 
     def lines(self, records: list[Record]) -> Iterable[str]:
         from framekit.api.monitor import result_of
@@ -395,6 +446,8 @@ class JsonOutput(RunOutput):
 
     def summary(self, run: RunCalls) -> None:
         self.catch_up()
+        if self.quiet:
+            return
         status = run.status()
         for block, one, last in self.blocks(status):
             self.data(

@@ -74,7 +74,9 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add(parser, "--screen", "--ascii", "--capture")
     add_web(parser)
-    parser.add_argument("--quiet", action="store_true", help="do not show what goes over the lines")
+    parser.add_argument("--frames", action="store_true", help="show the frames on the lines, too")
+    parser.add_argument("--lines", action="store_true", help="print a line a change on a terminal, too, and no table")
+    parser.add_argument("--quiet", action="store_true", help="show nothing but troubles")
     parser.add_argument("--status", action="store_true", help="show the status of channels and blocks at the end")
     parser.add_argument(
         "--status-every", metavar="TIME", help="show the status of channels and blocks so often; SIGUSR1 shows it once"
@@ -132,8 +134,10 @@ def _run(arguments: argparse.Namespace, live: LiveOutput | None) -> int:
 
     def make_output(model: RunModel) -> RunOutput:
         loads, doubts = loads_of(model)
-        output = JsonOutput(model, loads) if arguments.json else TextOutput(model, loads)
+        kind = JsonOutput if arguments.json else TextOutput
+        output = kind(model, loads, with_frames=arguments.frames, quiet=arguments.quiet)
         output.as_ascii = arguments.ascii
+        output.live = None if arguments.lines else live
         for line in told_once((*model.warnings, *doubts)):
             output.warning(line)
         return output

@@ -21,11 +21,16 @@ if TYPE_CHECKING:
     from framekit.definition.model.protocol import Protocol
 
 
-def shipped_folder(name: Literal["frames", "schemas"]) -> Path:
-    """Return the folder of shipped definitions or schemas: in the installed package, else next to the package."""
+def shipped_folder(name: Literal["frames", "schemas", "demo"]) -> Path:
+    """Return the folder of shipped definitions, schemas, or files of the demonstration.
+
+    It is in the installed package; of a checkout next to the package.
+    """
     package = Path(__file__).parent.parent
     installed = package / "_shipped" / name
-    return installed if installed.is_dir() else package.parent / name
+    if installed.is_dir():
+        return installed
+    return package.parent / ("examples/demo" if name == "demo" else name)
 
 
 def shipped_definitions(pattern: str = "*.yaml") -> list[Path]:

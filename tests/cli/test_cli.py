@@ -401,7 +401,7 @@ def test_check_counts_and_complains(capsys: pytest.CaptureFixture[str], tmp_path
 
 def test_run_on_virtual_time(capsys: pytest.CaptureFixture[str]) -> None:
     run = str(EXAMPLES / "third-party-plc.run.yaml")
-    status, out, _ = call(capsys, "run", run, "--virtual", "--for", "10s", "--json")
+    status, out, _ = call(capsys, "run", run, "--virtual", "--for", "10s", "--frames", "--json")
     lines = [json.loads(line) for line in out.splitlines()]
     blocks = {line["block"]: line for line in lines if line["event"] == "block"}
     assert status == 0
@@ -415,7 +415,7 @@ def test_run_on_virtual_time(capsys: pytest.CaptureFixture[str]) -> None:
 def test_every_example_shows_its_frames_as_json(capsys: pytest.CaptureFixture[str], tmp_path: Path, name: str) -> None:
     """Frames inside frames as well; what cannot be shown would break the exchange."""
     shutil.copytree(EXAMPLES, tmp_path, dirs_exist_ok=True)
-    status, out, _ = call(capsys, "run", str(tmp_path / name), "--virtual", "--for", "3s", "--json")
+    status, out, _ = call(capsys, "run", str(tmp_path / name), "--virtual", "--for", "3s", "--frames", "--json")
     lines = [json.loads(line) for line in out.splitlines()]
     assert status == 0
     assert not [line for line in lines if line["event"] == "trouble"]

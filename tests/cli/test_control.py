@@ -31,7 +31,7 @@ def run_file(tmp_path: Path) -> Path:
 
 def test_lines_reach_the_run(run_file: Path) -> None:
     process = subprocess.Popen(
-        [sys.executable, "-m", "framekit", "run", str(run_file), "--json", "--control", "--for", "30s"],
+        [sys.executable, "-m", "framekit", "run", str(run_file), "--json", "--frames", "--control", "--for", "30s"],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
     )  # fmt: skip
     assert process.stdin is not None and process.stdout is not None
@@ -66,7 +66,7 @@ def test_not_on_simulated_time(run_file: Path, capsys: pytest.CaptureFixture[str
 
 def test_a_wrong_byte_spoils_its_line_only(run_file: Path) -> None:
     process = subprocess.run(
-        [sys.executable, "-m", "framekit", "run", str(run_file), "--json", "--control", "--for", "30s"],
+        [sys.executable, "-m", "framekit", "run", str(run_file), "--json", "--frames", "--control", "--for", "30s"],
         input=b"fire \xff\nstop\n", stdout=subprocess.PIPE, check=True,
     )  # fmt: skip
     lines = [json.loads(text) for text in process.stdout.splitlines()]

@@ -496,7 +496,7 @@ def go_on(file: Path) -> None:
 
 
 def test_a_run_goes_on_while_its_output_is_not_read(tmp_path: Path) -> None:
-    with started(tmp_path, "run", "unread.run.yaml", "--json") as process:
+    with started(tmp_path, "run", "unread.run.yaml", "--frames", "--json") as process:
         assert process.stdout is not None and process.stderr is not None
         told = process.stderr.readline()
         assert told == f"standard output: {UNREAD} – {UNTIL}\n"
@@ -526,7 +526,7 @@ def test_a_run_goes_on_while_its_output_is_not_read(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_second_signal_ends_the_wait_for_the_reader(tmp_path: Path, number: signal.Signals) -> None:
-    with started(tmp_path, "run", "unread.run.yaml") as process:
+    with started(tmp_path, "run", "unread.run.yaml", "--frames") as process:
         assert process.stderr is not None
         process.stderr.readline()
 
@@ -614,7 +614,7 @@ def test_a_line_is_heard_while_the_output_is_not_read(tmp_path: Path, words: Seq
 def test_simulated_time_waits_for_the_reader_and_loses_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    words = ["run", "unread.run.yaml", "--virtual", "--for", "5s", "--json"]
+    words = ["run", "unread.run.yaml", "--virtual", "--for", "5s", "--frames", "--json"]
     with started(tmp_path, *words) as process:
         assert process.stdout is not None
         lines = [process.stdout.readline()]

@@ -102,7 +102,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_a_run_ends_as_elsewhere(folder: Path) -> None:
-    with foreign(folder, "run", "foreign.run.yaml", "--json", "--control", "--status-every", "1h") as process:
+    with foreign(folder, "run", "foreign.run.yaml", "--json", "--frames", "--control", "--status-every", "1h") as process:
         line_of(process, '"frame"')
         status, output = ended(process, signal.SIGTERM)
     assert status == 0
@@ -114,7 +114,7 @@ def test_a_server_answers_a_run_over_tcp_and_both_end(folder: Path) -> None:
     with foreign(folder, "serve", "bench.device.yaml", "--port", "tcp://127.0.0.1:0", "--json") as server:
         port = json.loads(line_of(server, '"ready"'))["port"]
         (folder / "tcp.run.yaml").write_text(RUN.replace("PORT", port), "utf-8")
-        with foreign(folder, "run", "tcp.run.yaml", "--json") as run:
+        with foreign(folder, "run", "tcp.run.yaml", "--json", "--frames") as run:
             line_of(run, '"frame"')
             line_of(run, '"frame"')
             assert ended(run, signal.SIGINT)[0] == 0

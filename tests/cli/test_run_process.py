@@ -95,7 +95,7 @@ async def started(folder: Path, wires: Wires, more: str = "") -> AsyncIterator[P
     path = folder / "wired.run.yaml"
     path.write_text(RUN.format(port=wires.near, more=more), encoding="utf-8")
     process = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "framekit", "run", str(path), "--json",
+        sys.executable, "-m", "framekit", "run", str(path), "--json", "--frames",
         stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
     )  # fmt: skip
     try:

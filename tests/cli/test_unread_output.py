@@ -17,9 +17,9 @@ WORDS = ["2003", "5", "0", "1", "1", "0", "8", "100", "8", "50", "4", "1", "4", 
     "words",
     spread(
         [
-            ["run", "unread.run.yaml"],
-            ["run", "unread.run.yaml", "--json"],
-            ["run", "unread.run.yaml", "--virtual", "--for", "1h"],
+            ["run", "unread.run.yaml", "--frames"],
+            ["run", "unread.run.yaml", "--frames", "--json"],
+            ["run", "unread.run.yaml", "--virtual", "--for", "1h", "--frames"],
             ["read", "modbus-tcp", "--port", "sim:far.device.yaml", "--station", "1", "40001", "--every", "5 ms"],
             ["commreq", "srtp", "--commands", "ge-channels", "--port", "sim:plc.device.yaml", *WORDS],
         ],

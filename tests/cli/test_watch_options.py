@@ -65,7 +65,7 @@ def test_errors_by_reason(tmp_path: Path) -> None:
 
 def test_capture_and_status_of_a_virtual_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "x.jsonl"
-    words = ["run", str(TWO), "--virtual", "--for", "2500ms", "--status-every", "1s", "--capture", str(path), "--json"]
+    words = ["run", str(TWO), "--virtual", "--for", "2500ms", "--status-every", "1s", "--capture", str(path), "--json", "--frames"]
     assert main(words) == 0
     lines = lines_of(capsys)
     statuses = [line for line in lines if line["event"] == "status"]
@@ -75,7 +75,7 @@ def test_capture_and_status_of_a_virtual_run(tmp_path: Path, capsys: pytest.Capt
         captured = [(number, event) for number, event in reader.events() if event.direction == "out"]
     assert sorted((number, event.data.hex(" ").upper()) for number, event in captured) == sorted(sent)
     assert {line["result"] for line in lines if line["event"] == "frame"} == {"mldp client"}
-    assert main(["run", str(TWO), "--virtual", "--for", "1s", "--ascii"]) == 0
+    assert main(["run", str(TWO), "--virtual", "--for", "1s", "--frames", "--ascii"]) == 0
     assert "·07rSS0206%MW25006%MW260·77" in capsys.readouterr().out
     assert main(["run", str(TWO), "--virtual", "--for", "1s", "--capture", str(tmp_path / "x.pcap"), "--status"]) == 0
     assert "mldp client" in capsys.readouterr().out
@@ -91,7 +91,7 @@ def test_the_output_of_a_run_cuts_no_transmission_into_pieces(tmp_path: Path) ->
         "points:\n  door: {channel: 1, address: '10003'}\n  level: {channel: 1, address: '40010', type: float32}\n"
     )
     pieces = {}
-    for name, options in {"shown": [], "quiet": ["--quiet"]}.items():
+    for name, options in {"shown": ["--frames"], "quiet": ["--quiet"]}.items():
         path = tmp_path / f"{name}.pcap"
         words = ["run", str(tmp_path / "r.run.yaml"), "--virtual", "--for", "2500ms", "--capture", str(path)]
         assert main([*words, *options]) == 0
@@ -103,7 +103,7 @@ def test_the_output_of_a_run_cuts_no_transmission_into_pieces(tmp_path: Path) ->
 
 def test_a_run_is_the_same_with_and_without_a_capture(tmp_path: Path) -> None:
     def shown(*words: str) -> str:
-        command = [sys.executable, "-m", "framekit", "run", str(TWO), "--virtual", "--for", "1s", *words]
+        command = [sys.executable, "-m", "framekit", "run", str(TWO), "--virtual", "--for", "1s", "--frames", *words]
         return subprocess.run(command, capture_output=True, text=True, check=True).stdout
 
     assert shown() == shown("--capture", str(tmp_path / "x.pcap"))
@@ -120,7 +120,7 @@ def test_what_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
 
 
 def test_sigusr1_shows_the_status() -> None:
-    command = [sys.executable, "-u", "-m", "framekit", "run", str(TWO), "--json"]
+    command = [sys.executable, "-u", "-m", "framekit", "run", str(TWO), "--json", "--frames"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None

@@ -160,6 +160,6 @@ def test_no_session_holds_a_run_longer_than_the_bound(run_file: Path) -> None:
 
 
 def test_the_command_line_takes_leave(run_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["run", str(run_file), "--virtual", "--for", "250ms"]) == 0
+    assert main(["run", str(run_file), "--virtual", "--for", "250ms", "--frames"]) == 0
     shown = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert [words[4] for words in shown if len(words) > 4 and words[1] == "ch"][-3:] == ["bye", "so_long", "bye"]
