@@ -43,7 +43,7 @@ NO_WRAP, WRAP = "\x1b[?7l", "\x1b[?7h"
 ERRORS = "standard error"
 UNREAD = "its reader does not read"
 GONE = "its reader has gone"
-"""The name of the second stream, and reasons of the trouble of a stream."""
+"""Name of the second stream; reasons of the trouble of a stream."""
 
 
 class MakeSource(Protocol):

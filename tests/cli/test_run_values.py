@@ -115,7 +115,7 @@ def test_values_of_an_edited_run(tank: Callable[[str], Path]) -> None:
 
 
 class Terminal(io.StringIO):
-    """A terminal that keeps what is written."""
+    """A terminal that keeps the written text."""
 
     encoding = "utf-8"
 

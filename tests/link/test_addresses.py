@@ -166,6 +166,7 @@ def test_places_of_the_own_memory(text: str, area: str, unit: str, start: int) -
         ("49999", "holding", "word", 9998),
         ("400010", "holding", "word", 9),
         ("holding:9", "holding", "word", 9),
+        ("holding:0x1F", "holding", "word", 31),
         ("input_register:0", "input_register", "word", 0),
     ],
 )
