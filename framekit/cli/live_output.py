@@ -74,7 +74,7 @@ class QueuedStream:
         self.unwritten = 0
         """Lines that waited at the end and could not be written."""
         self.help = "read it"
-        """What the user can do when the queue is full."""
+        """Advice for the user when the queue is full."""
         self._loss_line, self._on_gone = loss_line, on_gone
         self._encoded, self._write = _functions_of(stream)
         self._encoding: str = getattr(unguarded(stream), "encoding", None) or "utf-8"
