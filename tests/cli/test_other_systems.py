@@ -102,7 +102,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_a_run_ends_as_elsewhere(folder: Path) -> None:
-    with foreign(folder, "run", "foreign.run.yaml", "--json", "--frames", "--control", "--status-every", "1h") as process:
+    with foreign(
+        folder, "run", "foreign.run.yaml", "--json", "--frames", "--control", "--status-every", "1h"
+    ) as process:
         line_of(process, '"frame"')
         status, output = ended(process, signal.SIGTERM)
     assert status == 0

@@ -147,15 +147,17 @@ def test_a_drawing_is_replaced_and_makes_room_for_lines() -> None:
     terminal = Terminal()
     stream = QueuedStream(GuardedTerminal(terminal), "standard output", lambda number, reason: "", None)  # type: ignore[arg-type]
     stream.write("begin\n")
-    for step in (lambda: stream.draw(["a", "b"]), lambda: stream.write("hostile \x1b[2J\n"), lambda: stream.draw(["c"])):
+    for step in (
+        lambda: stream.draw(["a", "b"]),
+        lambda: stream.write("hostile \x1b[2J\n"),
+        lambda: stream.draw(["c"]),
+    ):
         with stream._change:
             assert stream._change.wait_for(lambda: not stream._waiting, 60)
         step()
     stream.close()
     on, off = "\x1b[?7l", "\x1b[?7h"
-    assert terminal.getvalue() == (
-        f"begin\n{on}a\r\nb\r\n{off}\r\x1b[2A\x1b[Jhostile \\x1b[2J\n{on}c\r\n{off}"
-    )
+    assert terminal.getvalue() == (f"begin\n{on}a\r\nb\r\n{off}\r\x1b[2A\x1b[Jhostile \\x1b[2J\n{on}c\r\n{off}")
 
 
 @pytest.mark.parametrize(("term", "expected"), [("xterm", True), ("dumb", False)])

@@ -29,7 +29,19 @@ class Process:
     """`framekit run --watch --json` at work; it ends with the test."""
 
     def __init__(self, path: Path, *options: str) -> None:
-        command = [sys.executable, "-m", "framekit", "run", str(path), "--watch", "--json", "--frames", "--for", "60s", *options]
+        command = [
+            sys.executable,
+            "-m",
+            "framekit",
+            "run",
+            str(path),
+            "--watch",
+            "--json",
+            "--frames",
+            "--for",
+            "60s",
+            *options,
+        ]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
 
     def until(self, wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:

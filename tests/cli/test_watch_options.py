@@ -65,7 +65,19 @@ def test_errors_by_reason(tmp_path: Path) -> None:
 
 def test_capture_and_status_of_a_virtual_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "x.jsonl"
-    words = ["run", str(TWO), "--virtual", "--for", "2500ms", "--status-every", "1s", "--capture", str(path), "--json", "--frames"]
+    words = [
+        "run",
+        str(TWO),
+        "--virtual",
+        "--for",
+        "2500ms",
+        "--status-every",
+        "1s",
+        "--capture",
+        str(path),
+        "--json",
+        "--frames",
+    ]
     assert main(words) == 0
     lines = lines_of(capsys)
     statuses = [line for line in lines if line["event"] == "status"]
