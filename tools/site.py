@@ -43,7 +43,8 @@ SECTIONS: dict[str, list[str]] = {
         "docs/glossary.md",
     ],
     "How it works": [
-        "docs/architecture.md", "docs/receiver.md", "docs/performance.md", "docs/extending.md", "CONTRIBUTING.md",
+        "docs/architecture.md", "docs/receiver.md", "docs/performance.md", "docs/internals/performance.md",
+        "docs/extending.md", "CONTRIBUTING.md",
     ],
     "Protocols": sorted(str(page.relative_to(ROOT)) for page in ROOT.glob("docs/protocols/*.md")),
 }  # fmt: skip
