@@ -18,7 +18,19 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Sequence
 
-READS_ITSELF = ("check", "test", "completion", "record", "loopback", "points", "history", "new", "import", "schema")
+READS_ITSELF = (
+    "check",
+    "test",
+    "edit",
+    "completion",
+    "record",
+    "loopback",
+    "points",
+    "history",
+    "new",
+    "import",
+    "schema",
+)
 """Verbs that read definitions as they are written, or none: they do not use the cache."""
 
 

@@ -22,6 +22,7 @@ VERBS = {
     "frames": "list protocols, frames and fields",
     "generate": "write stand-alone code from a definition",
     "test": "run the vectors beside a definition",
+    "edit": "edit definitions and run files on a page that shows what they mean",
     "read": "read values of a device",
     "write": "write values into a device",
     "call": "run another service of a device",

@@ -49,6 +49,8 @@ CASES: dict[tuple[str, int], list[str]] = {
     ("generate", 2): ["python", "none.yaml"],
     ("test", 1): ["own.yaml"],
     ("test", 2): ["none.yaml"],
+    ("edit", 1): ["own.yaml", "--web", "192.0.2.1:8040"],
+    ("edit", 2): ["hex.txt"],
     ("read", 1): ["bad.yaml", "--port", GONE, "--station", "1", "M1"],
     ("read", 2): [*DEVICE, "Q1"],
     ("read", 3): [*NO_DEVICE, "40001"],
