@@ -1,4 +1,4 @@
-"""State diagrams of link procedures, as Mermaid text, drawn from the same steps that are executed.
+"""State diagrams of link procedures, as states and arrows and as Mermaid text, from the same steps that are executed.
 
 The diagrams contain only the definition. The execution of a step is not known here.
 """
@@ -6,6 +6,7 @@ The diagrams contain only the definition. The execution of a step is not known h
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import Literal, NamedTuple
 
 from framekit.definition.expression import Expression
 from framekit.definition.model.procedure import Action, Row, Sequence, Step
@@ -24,7 +25,32 @@ EVENTS = {
     "on_fail": "it failed",
     "on_byte": "a byte",
 }
-Target = Callable[[str | None, str | None, str], str]
+
+
+class Target(NamedTuple):
+    """The end of an arrow: a step, the failure of the sequence with an outcome, or its good end (without a name)."""
+
+    kind: Literal["step", "failed", "end"]
+    name: str = ""
+
+
+class Arrow(NamedTuple):
+    """A transition of a step: event, condition and actions as a label, which may be empty, and the target."""
+
+    label: str
+    target: Target
+
+
+class State(NamedTuple):
+    """A step: its name, its actions in words, and its transitions, each once."""
+
+    name: str
+    does: str
+    arrows: tuple[Arrow, ...]
+
+
+_Find = Callable[[str | None, str | None, str], Target]
+"""Returns the target for `then`, `fail` and the default for `then`."""
 
 LONGEST = 60
 """Largest number of characters of a condition that are shown."""
@@ -32,15 +58,27 @@ MOST_FRAMES = 3
 """Largest number of frames of a row that are named."""
 
 
-def sequence_diagram(sequence: Sequence) -> str:
-    """Return a Mermaid state diagram: a state for each step and failure, an arrow for each row, handler or branch."""
-    lines = ["stateDiagram-v2", f"    [*] --> {_state(sequence.steps[0].name)}"]
-    failures: dict[str, None] = {}
+def sequence_states(sequence: Sequence) -> tuple[State, ...]:
+    """Return the states of a sequence: one for each step, in order; the first one begins."""
+    states = []
     for place, step in enumerate(sequence.steps):
         following = sequence.steps[place + 1].name if place + 1 < len(sequence.steps) else "end"
-        lines.append(f"    {_state(step.name)}: {_text(_does(step))}")
-        for label, target in _arrows(sequence, step, following, failures):
-            lines.append(f"    {_state(step.name)} --> {target}" + (f": {_text(label)}" if label else ""))
+        arrows = dict.fromkeys(Arrow(label, target) for label, target in _arrows(sequence, step, following))
+        states.append(State(step.name, _does(step), tuple(arrows)))
+    return tuple(states)
+
+
+def sequence_diagram(sequence: Sequence) -> str:
+    """Return a Mermaid state diagram: a state for each step and failure, an arrow for each row, handler or branch."""
+    states = sequence_states(sequence)
+    lines = ["stateDiagram-v2", f"    [*] --> {_state(states[0].name)}"]
+    failures: dict[str, None] = {}
+    for state in states:
+        lines.append(f"    {_state(state.name)}: {_text(state.does)}")
+        for label, target in state.arrows:
+            failures |= {target.name: None} if target.kind == "failed" else {}
+            end = "[*]" if target.kind == "end" else _state(target.name, target.kind)
+            lines.append(f"    {_state(state.name)} --> {end}" + (f": {_text(label)}" if label else ""))
     lines += [f"    {_state(name, 'failed')}: fails – {_text(name)}" for name in failures]
     lines += [f"    {_state(name, 'failed')} --> [*]" for name in failures]
     return "\n".join(dict.fromkeys(lines)) + "\n"
@@ -112,18 +150,17 @@ def _does(step: Step) -> str:
     return " · ".join(words)
 
 
-def _arrows(sequence: Sequence, step: Step, following: str, failures: dict[str, None]) -> Iterator[tuple[str, str]]:
-    """Yield label and target state of each transition of a step."""
+def _arrows(sequence: Sequence, step: Step, following: str) -> Iterator[tuple[str, Target]]:
+    """Yield label and target of each transition of a step."""
 
-    def target(word: str | None, fail: str | None, default: str) -> str:
+    def target(word: str | None, fail: str | None, default: str) -> Target:
         if fail is not None:
-            failures[fail] = None
-            return _state(fail, "failed")
+            return Target("failed", fail)
         word = default if word is None else word
         if word in ("again", "restart", "resend"):
-            return _state(step.name)
+            return Target("step", step.name)
         word = following if word == "next" else word
-        return "[*]" if word == "end" else _state(word)
+        return Target("end") if word == "end" else Target("step", word)
 
     if step.when is not None:
         yield f"unless {_short(step.when)}", target(following, None, following)
@@ -142,7 +179,7 @@ def _waits(step: Step) -> bool:
     return step.receive is not None or step.call is not None or step.ask is not None
 
 
-def _action(action: Action, event: str, default: str, target: Target) -> Iterator[tuple[str, str]]:
+def _action(action: Action, event: str, default: str, target: _Find) -> Iterator[tuple[str, Target]]:
     words = [event] if event else []
     if action.when is not None:
         words.append(f"[{_short(action.when)}]")

@@ -531,6 +531,19 @@ def _schemas() -> dict[str, Any]:
     return schemas
 
 
+def kind_schema(kind: Kind) -> dict[str, Any]:
+    """Return the schema of a kind of file, with the keys that modules have added; it must not be changed."""
+    found: dict[str, Any] = _schemas()[kind + _SUFFIX]
+    return found
+
+
+def referred_schema(reference: str) -> dict[str, Any]:
+    """Return the definition to which a `$ref` of `kind_schema` leads."""
+    file, _, name = reference.partition(_DEFINITION)
+    found: dict[str, Any] = _schemas()[file]["$defs"][name]
+    return found
+
+
 def _with_files(text: str, file: str) -> Any:
     """Return a schema in which every `$ref` names the file that it leads to."""
     return json.loads(text.replace(f'"$ref": "{_DEFINITION}', f'"$ref": "{file}{_DEFINITION}'))
@@ -623,8 +636,7 @@ def _referred(validator: Any, wanted: str, instance: Any, schema: Any) -> Iterat
     """Validate keyword `$ref`: all references of framekit name a file and a definition, so that no resolver is
     needed.
     """
-    file, _, name = wanted.partition(_DEFINITION)
-    yield from validator.descend(instance, _schemas()[file]["$defs"][name])
+    yield from validator.descend(instance, referred_schema(wanted))
 
 
 def _are_keys(branches: list[dict[str, Any]]) -> bool:

@@ -60,6 +60,7 @@ class EditSession:
             "token": lambda given, told: self.visitor.give(given),
             "open": self._open,
             "text": self._look,
+            "complete": self._complete,
             "hex": self._decode,
             "form": self._form,
             "build": self._build,
@@ -128,6 +129,17 @@ class EditSession:
             return {"checked": number, "why": f"texts are examined {why}"}
         self._text = text
         return await self._asked({"checked": number, "file": self._file.name}, "look", {})
+
+    async def _complete(self, text: Any, told: Told) -> Message:
+        """Return the completions at an offset of a text."""
+        offset = whole_number(told.get("offset"))
+        if self._file is None or plain_text(told.get("file")) != self._file.name or offset > LARGEST_TEXT:
+            raise ValueError("this is no message")
+        head = {"words": [], "from": offset, "offset": offset}
+        if not self.visitor.may:
+            return head
+        self._text = _text(text)
+        return await self._asked(head, "complete", {"offset": offset}, quick=True)
 
     async def _decode(self, data: Any, told: Told) -> Message:
         """Decode bytes in hex."""

@@ -21,11 +21,13 @@ from framekit.codec.functions import candidates, fitting, nearest
 from framekit.codec.plain import PlainValues, with_hint
 from framekit.codec.python.flat import inner_frames
 from framekit.codec.samples import Sampler
+from framekit.definition.diagrams import sequence_states
 from framekit.definition.load.protocol import load_protocol
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.nodes import read_nodes
 from framekit.definition.problems import DefinitionError, Problem
 from framekit.definition.schema import kind_of
+from framekit.extras.web.edit_states import states_svg
 from framekit.link.events import Seen
 from framekit.link.scope import Scope
 from framekit.runfile.devices import load_devices
@@ -35,6 +37,8 @@ Answer = dict[str, Any]
 
 MOST_FRAMES = 200
 """Largest number of frames that are drawn."""
+MOST_SEQUENCES = 60
+"""Largest number of sequences that are drawn."""
 MOST_READINGS = 8
 """Largest number of frames shown for the same bytes."""
 LONGEST_BYTES = 4096
@@ -98,7 +102,11 @@ def _frames_of(protocol: Protocol) -> Answer:
         for drawn in islice(drawn_frames(protocol), MOST_FRAMES)
     ]
     more = max(0, len(protocol.frames) - MOST_FRAMES)
-    return {"name": protocol.name, "about": protocol.about, "frames": frames, "more": more}
+    sequences = [
+        [name, states_svg(f"The states of {name}", sequence_states(sequence))]
+        for name, sequence in islice(protocol.sequences.items(), MOST_SEQUENCES)
+    ]
+    return {"name": protocol.name, "about": protocol.about, "frames": frames, "more": more, "sequences": sequences}
 
 
 class _Protocol:
@@ -149,15 +157,23 @@ def _reading(known: _Protocol, raw: bytes, frame: str, fault: FrameError | None)
     """
     notes = known.codec.frames[frame].diagnose(raw, known.scope).notes
     path, innermost = next(iter(notes.unknown), ("", None)) if fault is None else ("", fault)
-    words = f"{path} is none of its frames; nearest: {innermost}" if path else str(innermost)
+    words = f"{path} is none of its frames; nearest: " if path else ""
     seen = Seen("in", "frame" if fault is None else "bad", 0, raw, frame)
     rows = field_rows(known.codec, known.definition, seen)[:MOST_ROWS]
     return {
         "frame": frame,
         "rows": [[*field_row(row), row.offset, len(row.data)] for row in rows],
-        "fault": None if innermost is None else [words, innermost.offset, innermost.segment],
+        "fault": None if innermost is None else [words + _fault_words(innermost), innermost.offset, innermost.segment],
         "notes": list(notes.warnings),
     }
+
+
+def _fault_words(fault: FrameError) -> str:
+    """Return a fault in words without its offset."""
+    facts = [fault.cause]
+    facts += [f"expected {fault.expected}"] if fault.expected else []
+    facts += [f"found {fault.found}"] if fault.found else []
+    return f"{fault.segment}: {', '.join(facts)}"
 
 
 def _reason(error: ValueError) -> str:

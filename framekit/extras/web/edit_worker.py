@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from framekit.definition.sources import edited_texts
-from framekit.extras.web import edit_meaning
+from framekit.extras.web import edit_complete, edit_meaning
 
 Work = Callable[..., dict[str, Any]]
 
 WORK: Mapping[str, Work] = {
+    "complete": edit_complete.complete,
     "look": edit_meaning.look,
     "decode": edit_meaning.decode,
     "form": edit_meaning.form,

@@ -70,7 +70,7 @@ def test_bytes_are_read(lamp: Path) -> None:
 def test_a_fault_is_marked_where_it_is(lamp: Path) -> None:
     (reading,) = asked("decode", lamp, protocol="lamp", data="02 05 01 00 00 00")["readings"]
     assert (reading["frame"], reading["fault"]) == (
-        "SWITCH", ["check at byte 4: check, expected 0D 10, found 00 00", 4, "check"],
+        "SWITCH", ["check: check, expected 0D 10, found 00 00", 4, "check"],
     )  # fmt: skip
 
 
@@ -79,7 +79,7 @@ def test_the_innermost_fault_is_marked(tmp_path: Path) -> None:
     data = "00 01 00 00 00 09 01 0F 00 02 00 02 02 2D 00"  # the header fits, and no PDU is so long
     reading = asked("decode", device, protocol="modbus-tcp", data=data)["readings"][0]
     words, offset, segment = reading["fault"]
-    assert words.startswith("pdu is none of its frames; nearest: pdu.write_coils_reply.frame at byte 12: surplus")
+    assert words.startswith("pdu is none of its frames; nearest: pdu.write_coils_reply.frame: surplus")
     assert (offset, segment) == (12, "pdu.write_coils_reply.frame")
 
 

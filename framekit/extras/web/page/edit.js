@@ -1,0 +1,193 @@
+// The page of the editor: the text goes to the server when the user pauses; its problems and its meaning come back.
+import { Form, showFrames, showReadings, showSequences } from "./edit_bytes.js";
+import { TextField } from "./edit_text.js";
+import { Live, at } from "./live.js";
+import { element } from "./parts.js";
+
+const PAUSE = 300;
+const TABS = [["frames", "Frames"], ["build", "Build"], ["sequences", "Sequences"]];
+
+const live = new Live({ hello, opened, checked, decoded: showReadings, form: what => form.fill(what), build: built, words: offered, done: saved },
+  "edit and save", { opened: () => {}, allowed });
+const text = new TextField(at("editor"), { changed, words: (content, offset) => askWords(content, offset), save });
+const form = new Form(at("build"), (frame, inside) => live.say({ form: frame, inside, protocol: protocol() }),
+  (frame, rows) => live.say({ build: frame, rows, protocol: protocol() }));
+const kept = new Map();
+let file = "", digest = "", number = 0, waiting = 0, isOut = false, isStale = false, protocols = [];
+
+for (const [id, name] of TABS) {
+  const tab = Object.assign(element("button", at("tabs")), { textContent: name, type: "button" });
+  tab.dataset.tab = id;
+  tab.setAttribute("role", "tab");
+  tab.addEventListener("click", () => show(id));
+}
+show("frames");
+
+function show(id) {
+  for (const tab of at("tabs").children) {
+    const on = tab.dataset.tab === id;
+    tab.classList.toggle("on", on);
+    tab.setAttribute("aria-selected", on);
+    at(tab.dataset.tab).hidden = !on;
+  }
+  if (id === "build") form.offer(framesOf());
+}
+
+// ---- files -------------------------------------------------------------------------------------------------------
+
+function hello(what) {
+  document.title = `framekit ${what.hello}`;
+  at("title").textContent = what.hello.replace("edit ", "");
+  const before = file || what.first;
+  at("file").replaceChildren();
+  for (const name of what.files) Object.assign(element("option", at("file")), { textContent: name, value: name });
+  at("file").value = before;
+  if (before) live.say({ open: before });
+  else live.tell("There is no YAML file in this folder. Make one: framekit new protocol NAME");
+}
+
+function opened(what) {
+  if (what.opened === null) { live.tell(what.why); at("file").value = file; return; }
+  keep();
+  const known = kept.get(what.opened);
+  file = what.opened;
+  digest = known?.digest ?? what.digest;
+  at("file").value = file;
+  const here = document.activeElement === text.area ? text.area.selectionStart : null;
+  const content = known?.text ?? what.text;
+  if (content !== text.text || here === null) text.open(content);
+  text.stored = known?.stored ?? what.text;
+  isOut = false;
+  unsaved();
+  check();
+}
+
+// Keeps the changes of a file that are not saved, while another one is edited.
+function keep() {
+  if (!file) return;
+  if (text.text === text.stored) kept.delete(file);
+  else kept.set(file, { text: text.text, stored: text.stored, digest });
+}
+
+at("file").addEventListener("change", () => live.say({ open: at("file").value }));
+at("save").addEventListener("click", save);
+addEventListener("beforeunload", event => { keep(); if (kept.size) event.preventDefault(); });
+
+function allowed(yes) {
+  text.area.readOnly = !yes;
+  unsaved();
+}
+
+function unsaved() {
+  const differs = text.text !== text.stored;
+  at("changed").hidden = !differs;
+  at("save").disabled = !live.may || !differs;
+}
+
+function save() {
+  if (at("save").disabled) return;
+  const content = text.text;
+  live.act({ save: content, file, digest }, why => {
+    live.tell(why ? `Not saved: ${why}` : "");
+    if (!why) text.stored = content;
+    unsaved();
+  });
+}
+
+function saved(what) {
+  if (what.saved === file) digest = what.digest;
+  unsaved();
+}
+
+// ---- problems ----------------------------------------------------------------------------------------------------
+
+function changed() {
+  unsaved();
+  clearTimeout(waiting);
+  waiting = setTimeout(check, PAUSE);
+}
+
+// Sends the text, one at a time: what was typed meanwhile goes when the answer has come.
+function check() {
+  isStale = isOut;
+  if (!file || isOut) return;
+  isOut = true;
+  live.say({ text: text.text, file, number: ++number });
+}
+
+function checked(what) {
+  if (what.checked !== number) return;
+  isOut = false;
+  if (isStale) check();
+  if (what.why) live.tell(what.why);
+  if (what.why || what.file !== file) return;
+  protocols = what.protocols ?? protocols;
+  at("what").textContent = what.what;
+  showProblems(what.problems);
+  text.mark(what.problems.filter(one => one[0]).map(([line, column, words, todo, warning]) => [line, column, todo ? `${words} – ${todo}` : words, warning]));
+  showFrames(at("frames"), what.protocols, (name, frame) => { at("protocol").value = name; show("build"); form.show(frame); });
+  showSequences(at("sequences"), what.protocols);
+  if (what.protocols) offerProtocols(what.protocols);
+  decode();
+}
+
+function showProblems(problems) {
+  const errors = problems.filter(one => !one[4]).length, pill = at("problems").querySelector(".pill"), list = at("problems").querySelector("ol");
+  pill.textContent = errors ? `${errors} to correct` : problems.length ? `${problems.length} to look at` : "None";
+  pill.className = `pill ${errors ? "bad" : problems.length ? "warn" : "good"}`;
+  list.replaceChildren();
+  for (const [line, column, words, todo, warning, other] of problems) {
+    const item = element("li", list), button = element("button", item);
+    item.className = warning ? "warning" : "error";
+    element("b", button).textContent = other || (line ? `Line ${line}` : "File");
+    const said = element("span", button);
+    said.append(words);
+    if (todo) element("i", said).textContent = todo;
+    button.disabled = !line;
+    button.addEventListener("click", () => text.goTo(line, column));
+  }
+}
+
+// ---- bytes -------------------------------------------------------------------------------------------------------
+
+function offerProtocols(found) {
+  const before = at("protocol").value;
+  at("protocol").replaceChildren();
+  for (const { name } of found) Object.assign(element("option", at("protocol")), { textContent: name, value: name });
+  if (found.some(one => one.name === before)) at("protocol").value = before;
+  at("protocol").hidden = found.length < 2;
+  form.offer(framesOf());
+}
+
+const protocol = () => at("protocol").value;
+
+function framesOf() {
+  return (protocols.find(one => one.name === protocol())?.frames ?? []).map(([name]) => name);
+}
+
+function decode() {
+  if (at("hex").value.trim()) live.say({ hex: at("hex").value, protocol: protocol() });
+  else showReadings({ decoded: at("hex").value });
+}
+
+at("hex").addEventListener("input", decode);
+at("protocol").addEventListener("change", () => { decode(); form.offer(framesOf()); });
+
+function built(what) {
+  form.refuse(what);
+  if (!what.built) return;
+  at("hex").value = what.built;
+  decode();
+}
+
+// ---- completions -------------------------------------------------------------------------------------------------
+
+function askWords(content, offset) {
+  live.say({ complete: content, offset, file });
+}
+
+function offered({ offset, from, words }) {
+  text.offer(offset, from, words);
+}
+
+live.connect();
