@@ -22,7 +22,7 @@ from framekit.cli.common import ProgressLine
 ROOT = Path(__file__).parents[1]
 MERMAID = "mermaid@11"
 SECTIONS: dict[str, list[str]] = {
-    "Start": ["docs/first-protocol.md", "docs/cookbook.md", "examples/README.md"],
+    "Start": ["docs/first-protocol.md", "docs/editor.md", "docs/cookbook.md", "examples/README.md"],
     "How to": [
         "docs/howto/log-values.md", "docs/howto/simulate-a-device.md", "docs/howto/unknown-check.md",
         "docs/howto/listen-between.md", "docs/howto/import-streamdevice.md", "docs/howto/import-kaitai.md",

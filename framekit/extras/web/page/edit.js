@@ -13,7 +13,7 @@ const text = new TextField(at("editor"), { changed, words: (content, offset) => 
 const form = new Form(at("build"), (frame, inside) => live.say({ form: frame, inside, protocol: protocol() }),
   (frame, rows) => live.say({ build: frame, rows, protocol: protocol() }));
 const kept = new Map();
-let file = "", digest = "", number = 0, waiting = 0, isOut = false, isStale = false, protocols = [];
+let file = "", digest = "", number = 0, waiting = 0, isOut = false, isStale = false, drawn = "", protocols = [];
 
 for (const [id, name] of TABS) {
   const tab = Object.assign(element("button", at("tabs")), { textContent: name, type: "button" });
@@ -121,14 +121,20 @@ function checked(what) {
   if (isStale) check();
   if (what.why) live.tell(what.why);
   if (what.why || what.file !== file) return;
-  protocols = what.protocols ?? protocols;
   at("what").textContent = what.what;
   showProblems(what.problems);
   text.mark(what.problems.filter(one => one[0]).map(([line, column, words, todo, warning]) => [line, column, todo ? `${words} – ${todo}` : words, warning]));
-  showFrames(at("frames"), what.protocols, (name, frame) => { at("protocol").value = name; show("build"); form.show(frame); });
-  showSequences(at("sequences"), what.protocols);
-  if (what.protocols) offerProtocols(what.protocols);
+  at("meaning").classList.toggle("old", what.protocols === null && drawn === file);
+  if (what.protocols || drawn !== file) draw(what.protocols);
   decode();
+}
+
+// While the text has errors, the pictures of the last text without errors stay.
+function draw(found) {
+  drawn = found ? file : "";
+  showFrames(at("frames"), found, (name, frame) => { at("protocol").value = name; show("build"); form.show(frame); });
+  showSequences(at("sequences"), found);
+  offerProtocols(found ?? []);
 }
 
 function showProblems(problems) {
@@ -151,6 +157,7 @@ function showProblems(problems) {
 // ---- bytes -------------------------------------------------------------------------------------------------------
 
 function offerProtocols(found) {
+  protocols = found;
   const before = at("protocol").value;
   at("protocol").replaceChildren();
   for (const { name } of found) Object.assign(element("option", at("protocol")), { textContent: name, value: name });

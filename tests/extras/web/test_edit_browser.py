@@ -1,0 +1,156 @@
+"""The editor in a real browser: errors at their lines, bytes read and built, completion, and saving with the token.
+
+With FRAMEKIT_SCREENSHOTS set, the pictures of docs/images are made anew.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from extras.web.chromium import Looking, browser, needs_chromium, program
+from extras.web.edit_world import LAMP, written
+
+keys = pytest.importorskip("selenium.webdriver.common.keys").Keys
+IMAGES = Path(__file__).parents[3] / "docs" / "images"
+AREA = "#editor textarea"
+SEQUENCE = """sequences:
+  set_level:
+    takes: [station, level]
+    steps:
+      - step: ask
+        send: {SWITCH: {station: station, level: level}}
+        receive: [{frame: STATE, then: end}]
+        within: 500 ms
+        on_timeout: [{at_most: 2, then: again, else: {fail: no_reply}}]
+"""
+
+
+@contextmanager
+def editor(folder: Path, *words: str, token: bool = True) -> Iterator[Looking]:
+    """Open the editor of a folder, as long as the context lasts."""
+    with browser() as page, program(folder, "edit", *words) as (url, secret):
+        page.driver.set_window_size(1400, 1000)
+        page.open(f"{url}#token={secret}" if token else url)
+        page.until(lambda: page.text("#problems .pill"))
+        yield page
+        page.driver.get("about:blank")
+        page.run("return 1")
+
+
+def picture(page: Looking, name: str) -> None:
+    if os.environ.get("FRAMEKIT_SCREENSHOTS"):
+        page.driver.save_screenshot(str(IMAGES / name))
+
+
+def text(page: Looking) -> str:
+    return str(page.run("return document.querySelector(arguments[0]).value", AREA))
+
+
+def to_end_of(page: Looking, part: str) -> None:
+    """Put the cursor after the first occurrence of a part of the text."""
+    script = """const [field, part] = arguments, area = document.querySelector(field);
+        const at = area.value.indexOf(part) + part.length;
+        area.focus(); area.setSelectionRange(at, at)"""
+    page.run(script, AREA, part)
+
+
+def type_in(page: Looking, *texts: str) -> None:
+    page.driver.find_element("css selector", AREA).send_keys(*texts)
+
+
+@needs_chromium
+def test_an_error_is_marked_and_bytes_are_read(tmp_path: Path) -> None:
+    (tmp_path / "hall").mkdir()
+    written(tmp_path / "hall", LAMP + SEQUENCE)
+    with editor(tmp_path, "hall") as page:
+        page.until(lambda: page.text("#problems .pill") == "None")
+        assert page.text("#frames h3 button") == "SWITCH"
+        assert page.text("#frames .boxes").split() == [
+            "const", "02", "1", "station", "u8", "1", "level", "u16", "big", "2", "check", "crc16-modbus", "2",
+        ]  # fmt: skip
+        page.type("#hex", "02 05 01 00 00 00")
+        page.until(lambda: page.text("#try .fault") == "00")
+        assert "check, expected 0D 10, found 00 00 at byte 4" in page.text("#try h3")
+        page.type("#hex", "02 05 01 00 0D 10")
+        page.until(lambda: "level" in page.text("#try .fields") and not page.text("#try .fault"))
+        assert "256" in page.text("#try .fields")
+        picture(page, "edit.png")
+        page.click("[data-tab=sequences]")
+        page.until(lambda: "fails: no_reply" in page.run("return document.querySelector('#sequences svg').textContent"))
+        to_end_of(page, "type: u16")
+        type_in(page, keys.BACKSPACE, keys.BACKSPACE, "88")
+        page.until(lambda: page.text("#problems .pill") == "1 to correct")
+        assert page.text("#problems li").startswith("Line 10")
+        assert page.run("return document.querySelector('.gutter .bad').textContent") == "10"
+        assert page.run("return document.querySelector('.line .wrong').textContent") == "u88"
+        assert page.run("return document.querySelector('#meaning').classList.contains('old')")
+        picture(page, "edit-problem.png")
+        page.until(lambda: "Correct the definition first" in page.text("#try .why"))
+        assert page.errors() == []
+
+
+@needs_chromium
+def test_a_form_builds_a_frame(tmp_path: Path) -> None:
+    written(tmp_path)
+    with editor(tmp_path) as page:
+        page.until(lambda: page.text("#frames h3 button"))
+        page.click("#frames h3 button")
+        page.until(lambda: page.text("#build button") == "Build")
+        for number, value in ((1, "5"), (2, "256")):
+            page.type(f"#build label:nth-child({number}) input", value)
+        page.click("#build form > button")
+        page.until(lambda: page.run("return document.querySelector('#hex').value") == "02 05 01 00 0D 10")
+        page.until(lambda: "256" in page.text("#try .fields"))
+        page.type("#build label:nth-child(2) input", "70000")
+        page.click("#build form > button")
+        page.until(lambda: "70000" in page.text("#build .why"))
+        assert page.run("return document.querySelector('#build label:nth-child(2) input').className") == "wrong"
+        assert page.errors() == []
+
+
+@needs_chromium
+def test_words_are_completed_and_the_file_is_saved(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    with editor(tmp_path, "lamp.yaml") as page:
+        page.until(lambda: page.text("#may") == "May edit and save")
+        to_end_of(page, "from: server")
+        type_in(page, keys.ENTER, "mar")
+        page.until(lambda: page.text(".words li b") == "mark")
+        type_in(page, keys.ENTER)
+        page.until(lambda: "    mark: \n" in text(page))
+        type_in(page, "fi")
+        page.until(lambda: page.text(".words li b") == "first")
+        type_in(page, keys.TAB)
+        assert text(page) == LAMP.replace("from: server\n", "from: server\n    mark: first\n")
+        assert page.run("return document.querySelector('#changed').hidden") is False
+        type_in(page, keys.CONTROL, "s")
+        page.until(lambda: path.read_text("utf-8") == text(page))
+        page.until(lambda: page.run("return document.querySelector('#changed').hidden"))
+        path.write_text(LAMP, "utf-8")
+        type_in(page, "#")
+        type_in(page, keys.CONTROL, "s")
+        page.until(lambda: "has changed on disk" in page.text("#told"))
+        assert path.read_text("utf-8") == LAMP
+        assert page.errors() == []
+        page.run("window.onbeforeunload = null; document.querySelector('#save').click()")
+
+
+@needs_chromium
+def test_without_the_token_the_text_is_read_only_and_nothing_is_saved(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    with editor(tmp_path, token=False) as page:
+        page.until(lambda: page.text("#frames h3 button") == "SWITCH")
+        assert page.text("#may") == "Read only"
+        type_in(page, "x")
+        assert text(page) == LAMP
+        page.run("document.querySelector(arguments[0]).readOnly = false", AREA)
+        to_end_of(page, "protocol: lamp")
+        type_in(page, "s")
+        page.until(lambda: "only with the token" in page.text("#told"))
+        page.run("const save = document.querySelector('#save'); save.disabled = false; save.click()")
+        page.until(lambda: "Not saved: only with the token" in page.text("#told"))
+        assert path.read_text("utf-8") == LAMP
