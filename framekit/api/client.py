@@ -33,6 +33,7 @@ from framekit.api.values import (
     typed_each,
     values_given,
 )
+from framekit.codec.result_names import ResultNames
 from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import DefinitionError, no_such
@@ -69,6 +70,7 @@ class AsyncClient:
         monitor: Callable[[Seen], None] | None = None,
     ) -> None:
         self.settings = settings
+        self._result_names = ResultNames(settings.protocol)
         self._open_within = open_within
         self._monitor = monitor
         self._service: ClientService | None = None
@@ -393,7 +395,8 @@ class AsyncClient:
                 params=self._params(params), now=now, on_done=done,
             )
         )  # fmt: skip
-        return Answer(result.gives, None if result.reply is None else frame_of(result.reply), result.raw)
+        reply = None if result.reply is None else frame_of(result.reply)
+        return Answer(result.gives, reply, result.raw, self._result_names.by_path(service, result.gives))
 
     # ---- command blocks -----------------------------------------------------------------------------------
 

@@ -13,6 +13,7 @@ from typing import Any, Literal
 from framekit.api.errors import LineClosedError, RequestError
 from framekit.api.rows import FAULTY, FieldRow, FrameEntry, ascii_of, inner_names
 from framekit.codec.codec import Codec, compile_protocol
+from framekit.codec.contents import contents_of
 from framekit.codec.plain import PlainValues
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import plural
@@ -170,11 +171,12 @@ def field_rows(codec: Codec, protocol: Protocol, seen: Seen, params: Mapping[str
         _, spans, _ = codec.trace(seen.frame, seen.raw, Scope(protocol, params=params))
     except EVALUATION_ERRORS:
         return [FieldRow(name, 0, b"", str(value)) for name, value in plain.to_plain(seen.frame, seen.fields).items()]
-    rows = []
+    rows: list[FieldRow] = []
     for path, start, end, value in spans:
         shown = plain.named(seen.frame, path, plain.to_plain("", {"": value})[""])
         rows.append(FieldRow(path, start, seen.raw[start:end], "" if shown is None else str(shown)))
-    return rows
+    content = contents_of(protocol, codec).rows(seen.frame, seen.fields)
+    return rows + [FieldRow(path, rows[-1].offset if rows else 0, b"", str(value)) for path, value in content]
 
 
 class _Listening:

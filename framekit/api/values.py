@@ -93,6 +93,8 @@ class Answer:
     """The reply frame, which may be a frame inside `raw`."""
     raw: bytes = b""
     """The bytes of the last frame received."""
+    names: Mapping[str, str] = field(default_factory=dict)
+    """The names of numbers in the results, by place: `{"faults.faults[0].group": "low CPU battery"}`."""
 
     def __getitem__(self, name: str) -> Any:
         return self.results[name]

@@ -32,7 +32,7 @@ from framekit.definition.problems import plural
 
 if TYPE_CHECKING:
     from framekit import Seen
-    from framekit.codec.plain import PlainValues
+    from framekit.codec.contents import Contents
     from framekit.definition.model.protocol import Protocol
 
 DAY = 86_400
@@ -42,7 +42,7 @@ SECOND = 1_000_000_000
 def decode_capture(protocol: Protocol, arguments: argparse.Namespace) -> int:
     """Print every frame; return 1 if the capture has bad frames or noise. Raises VerbError."""
     from framekit.api.monitor import decoder, result_of
-    from framekit.codec.plain import PlainValues
+    from framekit.codec.contents import contents_of
 
     if arguments.to is not None and arguments.values is not None:
         raise WordsError("--to and --values write different tables – leave one of them out")
@@ -53,7 +53,7 @@ def decode_capture(protocol: Protocol, arguments: argparse.Namespace) -> int:
             raise WordsError(f"--{option} has no effect without --to – add --to OUT.parquet, or remove it")
     if arguments.values is not None:
         return _values(protocol, arguments)
-    wanted, plain = filter_of(arguments), PlainValues(protocol)
+    wanted, contents = filter_of(arguments), contents_of(protocol)
     counts: Counter[str] = Counter()
     if _matching(arguments.capture):
         raise WordsError(f"{arguments.capture}: a pattern needs --to OUT.parquet – add it, or name one file")
@@ -70,9 +70,9 @@ def decode_capture(protocol: Protocol, arguments: argparse.Namespace) -> int:
                     continue
                 if arguments.json:
                     more = {"time_ns": seen.at, "channel": channel, "result": result_of(protocol, seen)}
-                    print_json(seen_data(seen, seen.at / 1e9, plain, **more))
+                    print_json(seen_data(seen, seen.at / 1e9, contents, **more))
                 else:
-                    print(_text(plain, channel, seen, arguments.ascii))
+                    print(_text(contents, channel, seen, arguments.ascii))
     except ValueError as error:
         raise VerbError(str(error)) from None
     if found.is_cut:
@@ -173,10 +173,10 @@ def _values(protocol: Protocol, arguments: argparse.Namespace) -> int:
     return 0 if count else 1
 
 
-def _text(plain: PlainValues, channel: int, seen: Seen, as_ascii: bool) -> str:
+def _text(contents: Contents, channel: int, seen: Seen, as_ascii: bool) -> str:
     """Return the line of a frame and, below it, its fields."""
     text = seen_text(seen, time_text(seen.at), f"ch {channel}", as_ascii)
-    fields = plain.to_plain(seen.frame, seen.fields)
+    fields = contents.to_plain(seen.frame, seen.fields)
     shown = "  ".join(f"{name}={_plain(value)}" for name, value in fields.items())
     return f"{text}\n{'':10}{shown}" if shown else text
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from framekit.api.run import TroubleReport
     from framekit.api.settings import Names
     from framekit.codec.cache import CachedCodec
-    from framekit.codec.plain import PlainValues
+    from framekit.codec.contents import Contents
     from framekit.definition.model.protocol import Protocol
     from framekit.definition.problems import Problem
     from framekit.definition.times import LineFormat
@@ -539,7 +539,7 @@ def seen_text(
     return f"{time}  {place} {what}".rstrip()
 
 
-def seen_data(seen: Seen, seconds: float, plain: PlainValues, **more: Any) -> dict[str, Any]:
+def seen_data(seen: Seen, seconds: float, contents: Contents, **more: Any) -> dict[str, Any]:
     """Return the same as a JSON object with the frame's fields; empty parts are left out. `more` follows the time."""
     from framekit.api.rows import spaced
 
@@ -552,7 +552,7 @@ def seen_data(seen: Seen, seconds: float, plain: PlainValues, **more: Any) -> di
         "frame": seen.frame,
         "size": len(seen.raw) or "",
         "bytes": spaced(seen.raw),
-        "fields": plain.to_plain(seen.frame, seen.fields),
+        "fields": contents.to_plain(seen.frame, seen.fields),
         "reason": seen.reason,
         "repeated": seen.repeated or "",
     }

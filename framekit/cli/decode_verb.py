@@ -134,12 +134,12 @@ def frames_tried(codec: CachedCodec, frame: str | None, side: str | None) -> lis
 
 
 def as_json(codec: CachedCodec, fits: list[Fit], data: bytes, names: Mapping[str, Any]) -> dict[str, Any]:
-    from framekit.codec.plain import PlainValues
+    from framekit.codec.contents import contents_of
 
-    plain = PlainValues(codec.protocol)
+    contents = contents_of(codec.protocol, codec)
     shown: list[dict[str, Any]] = []
     for fit in fits:
-        one: dict[str, Any] = {"frame": fit.frame, "fields": plain.to_plain(fit.frame, fit.fields)}
+        one: dict[str, Any] = {"frame": fit.frame, "fields": contents.to_plain(fit.frame, fit.fields)}
         if fit.refusal is not None:
             one["refused"] = fit.refusal
         if warnings := codec.check_warnings(fit.frame, data, names):
@@ -155,6 +155,11 @@ def as_text(codec: CachedCodec, fit: Fit, data: bytes, names: Mapping[str, Any])
     for path, start, end, value in spans:
         text = "" if value is None else f"{with_name(named, path, shown(value))}"
         rows.append((path, str(start), shown(data[start:end]), text))
+    if codec.catalogue[fit.frame].shows:
+        from framekit.codec.contents import contents_of
+
+        content = contents_of(codec.protocol, codec).rows(fit.frame, fit.fields)
+        rows += [(path, "", "", str(value)) for path, value in content]
     why = "" if fault is None else f": {fault}"
     refused = "" if fit.refusal is None else f"  (a server refuses it with {code_text(fit.refusal)}{why})"
     warned = "".join(f"\nwarning: {text}" for text in codec.check_warnings(fit.frame, data, names))

@@ -355,7 +355,7 @@ def _save(path: Path, data: bytes) -> None:
 
 def run_call(arguments: argparse.Namespace) -> int:
     from framekit.codec.plain import PlainValues
-    from framekit.codec.result_names import with_names
+    from framekit.codec.result_names import ResultNames
 
     places = each_once(_file_of_result(text) for text in arguments.save)
 
@@ -366,9 +366,10 @@ def run_call(arguments: argparse.Namespace) -> int:
             _save(path, _bytes_of(answer.results, name))
         if arguments.json:
             results = PlainValues(client.protocol).to_plain("", answer.results)
-            print_json({"service": arguments.service, "results": results})
+            names = {"names": dict(answer.names)} if answer.names else {}
+            print_json({"service": arguments.service, "results": results} | names)
         else:
-            for name, value in with_names(client.protocol, arguments.service, answer.results).items():
+            for name, value in ResultNames(client.protocol).with_names(arguments.service, answer.results).items():
                 print(f"{name}: {value}")
 
     return carry_out(arguments, call, to_station=False)

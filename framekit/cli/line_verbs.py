@@ -74,13 +74,13 @@ class _Printer:
     """Print the events that pass the filter: frames with the side that sends them and their fields, or their bytes."""
 
     def __init__(self, protocol: Protocol, arguments: argparse.Namespace) -> None:
-        from framekit.codec.plain import PlainValues
+        from framekit.codec.contents import contents_of
 
         self.protocol = protocol
         self.began = 0
         self._json, self._ascii = arguments.json, arguments.ascii
         self._shows_fields = not (arguments.bytes or arguments.ascii)
-        self._plain = PlainValues(protocol)
+        self._contents = contents_of(protocol)
         self._wanted = filter_of(arguments)
 
     def show(self, seen: Seen) -> None:
@@ -90,7 +90,7 @@ class _Printer:
             return
         seconds = (seen.at - self.began) / 1e9
         if self._json:
-            print_json(seen_data(seen, seconds, self._plain, result=result_of(self.protocol, seen)))
+            print_json(seen_data(seen, seconds, self._contents, result=result_of(self.protocol, seen)))
         elif seen.kind == "frame" and self._shows_fields:
             print(self._fields_line(seen, seconds))
         else:
@@ -105,10 +105,7 @@ class _Printer:
         side = "" if frame is None else frame.side
         arrow = {"client": "→", "server": "←"}.get(side, ARROWS[seen.direction])
         place = f"{seen.client} {arrow}" if seen.client else arrow
-        fields = {
-            name: self._plain.named(seen.frame, name, value)
-            for name, value in self._plain.to_plain(seen.frame, seen.fields).items()
-        }
+        fields = self._contents.with_names(seen.frame, seen.fields)
         return f"{seconds:10.3f}  {place} {seen.frame} {fields_text(fields)}".rstrip()
 
     def summary(self, monitor: LineMonitor) -> None:

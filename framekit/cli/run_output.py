@@ -424,13 +424,13 @@ class JsonOutput(RunOutput):
     def lines(self, records: list[Record]) -> Iterable[str]:
         from framekit.api.monitor import result_of
         from framekit.api.run import seen_of
-        from framekit.codec.plain import PlainValues
+        from framekit.codec.contents import contents_of
 
         for record in records:
             number, seen = record[0], seen_of(record)
             channel = self._channels[number]
-            result, plain = result_of(channel.protocol, seen, channel.role), PlainValues(channel.protocol)
-            line = seen_data(seen, self.seconds(seen.at), plain, channel=number, result=result)
+            result, contents = result_of(channel.protocol, seen, channel.role), contents_of(channel.protocol)
+            line = seen_data(seen, self.seconds(seen.at), contents, channel=number, result=result)
             yield json_line(line)
 
     def edited(self, edit: Edit) -> None:

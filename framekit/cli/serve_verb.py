@@ -315,11 +315,11 @@ class JsonServeOutput(ServeOutput):
         self.data({**ready, "line": line} if line else ready)
 
     def show(self, device: Device, seen: Seen) -> None:
-        from framekit.codec.plain import PlainValues
+        from framekit.codec.contents import contents_of
 
         is_answer = seen.direction == "out" and device.own is not None
         station = {"station": plain(device.own)} if is_answer else {}
-        self.data(seen_data(seen, self.seconds(seen.at), PlainValues(device.protocol), **station))
+        self.data(seen_data(seen, self.seconds(seen.at), contents_of(device.protocol), **station))
 
     def summary(self) -> None:
         for one in self.server.status():

@@ -133,6 +133,8 @@ class FrameNote(NamedTuple):
     refuse: int | None
     names: Mapping[str, Mapping[int, str]]
     """The names of numbers, by field."""
+    shows: bool
+    """Whether displays read bytes of the frame as layouts."""
 
 
 class CacheEntry(NamedTuple):
@@ -208,9 +210,18 @@ def _parts(protocol: Protocol, sources: Sources, code: CodeType) -> CacheEntry:
     import pickle
 
     from framekit.codec.plain import names_of
+    from framekit.definition.kinds.data import ShownAs
+    from framekit.definition.model.frames import parts_of
 
     notes = [
-        (frame.name, frame.inner, frame.side, frame.refuse, names_of(protocol, frame.name))
+        (
+            frame.name,
+            frame.inner,
+            frame.side,
+            frame.refuse,
+            names_of(protocol, frame.name),
+            any(True for _ in parts_of(frame.segments, ShownAs)),
+        )
         for frame in protocol.frames.values()
     ]
     return CacheEntry(tuple(sources), protocol.name, code, notes, bool(protocol.warnings), pickle.dumps(protocol))

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from framekit.codec.plain import names_of
-from framekit.codec.shown import shown, with_name
+from framekit.codec.shown import shown, with_names
 from framekit.definition.expression import Attribute, Expression, Name
 from framekit.definition.model.frames import everything
 from framekit.definition.model.protocol import Protocol
@@ -17,18 +17,43 @@ Names = Mapping[str, Mapping[int, str]]
 """Names of numbers, by field."""
 
 
-def with_names(protocol: Protocol, service: str, results: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the results of a service in plain form, each number with its name: `18 (low CPU battery)`."""
-    names = _names_of_results(protocol, service)
-    return {name: _named(names.get(name, {}), name, shown(value)) for name, value in results.items()}
+class ResultNames:
+    """Finds the names of numbers in the results of a protocol's services; those of a service are kept."""
+
+    def __init__(self, protocol: Protocol) -> None:
+        self.protocol = protocol
+        self._of_service: dict[str, dict[str, Names]] = {}
+
+    def with_names(self, service: str, results: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the results of a service in plain form, each number with its name: `18 (low CPU battery)`."""
+        names = self._known(service)
+        return {name: with_names(names.get(name, {}), name, shown(value)) for name, value in results.items()}
+
+    def by_path(self, service: str, results: Mapping[str, Any]) -> dict[str, str]:
+        """Return the names of the numbers by their places: `{"faults.faults[0].group": "low CPU battery"}`."""
+        found: dict[str, str] = {}
+        for result, names in self._known(service).items():
+            if names and result in results:
+                found.update(_paths(names, result, result, results[result]))
+        return found
+
+    def _known(self, service: str) -> dict[str, Names]:
+        names = self._of_service.get(service)
+        if names is None:
+            names = self._of_service[service] = _names_of_results(self.protocol, service)
+        return names
 
 
-def _named(names: Names, path: str, value: Any) -> Any:
+def _paths(names: Names, field: str, path: str, value: Any) -> Iterator[tuple[str, str]]:
+    """Yield the places and names of the named numbers in a value; `field` is the name of its field."""
     if isinstance(value, dict):
-        return {name: _named(names, name, item) for name, item in value.items()}
-    if isinstance(value, list):
-        return [_named(names, path, item) for item in value]
-    return with_name(names, path, value)
+        for name, item in value.items():
+            yield from _paths(names, name, f"{path}.{name}", item)
+    elif isinstance(value, list):
+        for place, item in enumerate(value):
+            yield from _paths(names, field, f"{path}[{place}]", item)
+    elif type(value) is int and (name := names.get(field, {}).get(value)) is not None:
+        yield path, name
 
 
 def _names_of_results(protocol: Protocol, service: str) -> dict[str, Names]:
@@ -45,7 +70,7 @@ def _names_of_value(protocol: Protocol, row: ServiceRow, result: str, value: Val
         inside = (_names_of_value(protocol, row, name, item) for name, item in value.fields.items())
         return {name: numbers for names in inside for name, numbers in names.items()}
     if isinstance(value, ReadAs) and value.layout in protocol.layouts:
-        return _in_layout(protocol, value.layout)
+        return names_in_layout(protocol, value.layout)
     if isinstance(value, Expression):
         field = _field_of_reply(value)
         names = _in_replies(protocol, row) if field else {}
@@ -53,7 +78,7 @@ def _names_of_value(protocol: Protocol, row: ServiceRow, result: str, value: Val
     return {}
 
 
-def _in_layout(protocol: Protocol, layout: str) -> Names:
+def names_in_layout(protocol: Protocol, layout: str) -> Names:
     """Return the names of the fields of a layout; fields whose names differ have none."""
     segments = everything(protocol.layouts[layout].segments)
     return _agreed((name, numbers) for segment in segments for name, numbers in segment.numbers_with_names())

@@ -31,6 +31,15 @@ def with_name(names: Mapping[str, Mapping[int, str]], path: str, value: Any) -> 
     return value if name is None else f"{value} ({name})"
 
 
+def with_names(names: Mapping[str, Mapping[int, str]], path: str, value: Any) -> Any:
+    """Return a value of records and lists in which each number has its name; `path` ends in the name of the value."""
+    if isinstance(value, dict):
+        return {name: with_names(names, name, item) for name, item in value.items()}
+    if isinstance(value, list):
+        return [with_names(names, path, item) for item in value]
+    return with_name(names, path, value)
+
+
 def _decimal(value: Any) -> Any:
     """Return a decimal as a JSON number, or as text if the float is not exactly equal."""
     number = float(value)

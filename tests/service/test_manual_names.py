@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
 from command_world import SECOND, CommandWorld, text_words
 
+import framekit
 from framekit.api.commands import application_of, blocks_of
 from framekit.cli.common import load
 from framekit.cli.main import main
@@ -50,8 +52,28 @@ def test_results_of_single_fields_have_names(tmp_path: Path, capsys: pytest.Capt
     assert lines == ["device: 30 (Series 90-30)", "running: 255 (running)", "cpu: 36 (CPU 341)"]
 
 
-def test_json_has_numbers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert '"group": 18' in called(tmp_path, capsys, "plc_faults", more="--json")
+def test_json_has_numbers_and_their_names(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = json.loads(called(tmp_path, capsys, "plc_faults", more="--json"))
+    assert found["results"]["faults"]["faults"][0]["group"] == 18
+    assert found["names"] == {"faults.faults[0].group": "low CPU battery", "faults.faults[0].action": "fatal"}
+    assert "names" not in json.loads(called(tmp_path, capsys, "get_time", more="--json"))
+
+
+def test_answers_have_the_names_of_their_numbers(tmp_path: Path) -> None:
+    (tmp_path / "one.device.yaml").write_text(DEVICE, encoding="utf-8")
+    with framekit.connect("snp", f"sim:{tmp_path / 'one.device.yaml'}", station="A1") as client:
+        answer = client.call("short_status")
+        assert answer["plc"]["state"] == 2
+        assert answer.names == {"plc.state": "stop I/O disabled", "status.program_0": "none"}
+        identity = client.call("controller_id")
+        assert identity.names == {"controller.major": "Series 90-30 or 90-20", "controller.minor": "CPU 331"}
+
+
+def test_decode_names_major_and_minor_of_an_error_of_snp_x(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["decode", "snp-x", "1B 58 81 00 00 0F 04 00 00 17 00 00 00 00 2D"]) == 0
+    shown = capsys.readouterr().out
+    assert "15 (SNP-X slave error)" in shown
+    assert "4 (address or range)" in shown
 
 
 def test_decode_names_major_and_minor_of_an_error(capsys: pytest.CaptureFixture[str]) -> None:

@@ -12,6 +12,7 @@ from framekit.definition.model.frames import (
     Frame,
     StaticSizes,
     all_fixed,
+    by_value_name,
     bytes_of,
     certain,
     everything,
@@ -69,6 +70,7 @@ def check_frame(protocol: Protocol, frame: Frame, ends: FrameEnds) -> list[Probl
     found += _there_or_not(frame)
     found += _counted_and_open(protocol, frame, ends)
     found += _keys(protocol, frame, ends)
+    found += _shown_as(frame)
     found += _inner(protocol, frame, ends)
     if frame.inside:
         found += check_interrupting(
@@ -100,6 +102,21 @@ def _keys(protocol: Protocol, frame: Frame, ends: FrameEnds) -> Iterator[Problem
             yield Problem(expression.at, what, "let the frame around it announce, from its inner field")
         for part in (expression,) if one.key is None else (expression, one.key):
             yield from _two_of_wire(protocol, frame, part)
+
+
+def _shown_as(frame: Frame) -> Iterator[Problem]:
+    """Report `shows:` of bytes that names no value of the frame, or a layout with the name of one of its values."""
+    known = by_value_name(frame.segments)
+    for data in flat(frame.segments):
+        if not isinstance(data, Data) or data.shows is None:
+            continue
+        if data.shows.by not in known:
+            what = f"'{frame.name}' has no value '{data.shows.by}'"
+            yield Problem(data.at, what, did_you_mean(data.shows.by, known) or "name a value with the number")
+        for shown in data.shows.layouts.values():
+            if shown.layout in known:
+                what = f"'{shown.layout}' is a value of '{frame.name}' already"
+                yield Problem(shown.at, what, "give the layout another name")
 
 
 def _two_of_wire(protocol: Protocol, frame: Frame, said: Expression) -> Iterator[Problem]:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from framekit.definition.expression import Expression
-from framekit.definition.keys import ADDRESS, BYTE, IDENTIFIER, NUMBER, Form, KeyReading, ValueKind, key, words
+from framekit.definition.keys import ADDRESS, BYTE, IDENTIFIER, NUMBER, Form, KeyReading, ValueKind, key, ref, words
 from framekit.definition.kinds.base import Contents, Segment, constant_number
-from framekit.definition.problems import Problem
+from framekit.definition.problems import Position, Problem
 from framekit.definition.tree import Node
 from framekit.definition.wire_types import DIGITS, EVERY_BYTE, SIZE, Size, Sizes, exactly
 
@@ -46,6 +46,43 @@ def _bytes(reading: KeyReading, node: Node) -> bytes:
     return bytes(sorted({*found}))
 
 
+@dataclass(frozen=True, slots=True)
+class ShownAs:
+    """The layout that displays read bytes as, chosen by a number of the same frame."""
+
+    by: str
+    """The value with the number."""
+    layouts: Mapping[int, LayoutName]
+
+
+@dataclass(frozen=True, slots=True)
+class LayoutName:
+    """The name of a layout, with its place in the file."""
+
+    layout: str
+    at: Position
+
+
+def _shows(reading: KeyReading, node: Node) -> ShownAs:
+    reader, entries = reading.reader, reading.reader.mapping(node).read_all()
+    if len(entries) != 1:
+        raise reader.broken(node.at, "this does not name one value", "write {VALUE: {NUMBER: LAYOUT}}")
+    layouts: dict[int, LayoutName] = {}
+    for entry in reader.entries(entries[0].value):
+        with reader.going_on():
+            layouts[reader.number(entry.key)] = LayoutName(reader.text(entry.value), entry.value.at)
+    return ShownAs(entries[0].key.text, layouts)
+
+
+SHOWS = Form(
+    {
+        "type": "object",
+        "additionalProperties": {"type": "object", "additionalProperties": ref("label")},
+        "maxProperties": 1,
+        "x-expected": "a value with layouts ({kind: {1: LAYOUT}})",
+    },
+    _shows,
+)
 NEVER = Form(
     {
         "type": ["array", "string", "integer", "number"],
@@ -87,6 +124,13 @@ class Data(Segment):
     )
     memory: str | None = key(
         "memory", ADDRESS, "Default address of the bytes for SEND and RECEIVE blocks.", default=None
+    )
+
+    shows: ShownAs | None = key(
+        "shows",
+        SHOWS,
+        "VALUE: {NUMBER: LAYOUT}: displays read the bytes as this layout where the value of the frame is the number.",
+        default=None,
     )
 
     def on_wire(self, size: int) -> int:

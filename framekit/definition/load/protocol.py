@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 
 from framekit.definition.check.protocol import check_protocol
 from framekit.definition.keys import read_part
+from framekit.definition.kinds.data import LayoutName
 from framekit.definition.load.documents import Documents, SourceText, joined, merged, scalar_of
 from framekit.definition.load.frames import FrameLoader, SegmentLoader, resolve_references
 from framekit.definition.load.namespace import Namespace, Owned, used_entries
@@ -242,6 +243,7 @@ class ProtocolLoader:
         wanted = {value.layout: value.at for value in parts_of(parts, LayoutOf)}
         wanted |= {value.layout: value.at for value in parts_of(parts, ReadAs)}
         wanted |= {area.layout: area.at for area in areas.values() if area.layout}
+        wanted |= {shown.layout: shown.at for shown in parts_of(parts, LayoutName)}
         for owned in self._joined("state").values():
             for key in ("list", "record", "holds"):
                 node = owned.entry.value.value(key) if isinstance(owned.entry.value, MappingNode) else None

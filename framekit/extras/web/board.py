@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Sequence
 
 from framekit.api.rows import FRAME_HEAD, FrameEntry, fields_text, frame_row, meaning_of
-from framekit.codec.plain import PlainValues
+from framekit.codec.contents import contents_of
 from framekit.codec.shown import explain
 from framekit.extras.web.access import Access
 from framekit.extras.web.cards import Card
@@ -48,7 +48,6 @@ class WebBoard:
         self.began = time.time()
         self._now = now
         self._values_at = self._tables_at = float("-inf")
-        self._plain: dict[int, PlainValues] = {}
 
     def look(self) -> None:
         """Read the points and the tables, each if its last read is old enough."""
@@ -107,11 +106,8 @@ class WebBoard:
     def fields_text(self, entry: FrameEntry) -> str:
         """Return the decoded fields of a frame in one line."""
         protocol = self.shown.log.protocol(entry.channel)
-        plain = self._plain.get(entry.channel)
-        if plain is None or plain.protocol is not protocol:
-            plain = self._plain[entry.channel] = PlainValues(protocol)
         try:
-            fields = plain.to_plain(entry.seen.frame, entry.seen.fields)
+            fields = contents_of(protocol).to_plain(entry.seen.frame, entry.seen.fields)
         except EVALUATION_ERRORS as error:  # a frame may contain anything
             return explain(error)
         text = fields_text(fields, named=False)
