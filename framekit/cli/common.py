@@ -352,12 +352,13 @@ def period_of(text: str | None) -> int:
 
 
 def begin_log(level: str | None) -> None:
-    """Send the log of framekit to standard error; None: no log."""
+    """Send the log of framekit to standard error, except reports of troubles, which are printed; None: no log."""
     if level is not None:
         import logging
 
         handler = logging.StreamHandler(sys.stderr)
         handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)-7s %(name)s: %(message)s"))
+        handler.addFilter(lambda record: not getattr(record, "is_report", False))
         logger = logging.getLogger("framekit")
         logger.handlers[:] = [one for one in logger.handlers if isinstance(one, logging.NullHandler)] + [handler]
         logger.setLevel(level.upper())

@@ -292,6 +292,7 @@ class Lanes:
             self.release()
         elif not late.is_without_end(run.started):
             run.deadline = late.until
+            late.on_wait(run.top.x.station, late.until)
         else:
             run.cause = "replies that nothing waits for come without end"
             machine.fail_run(run, "late_replies")

@@ -86,13 +86,16 @@ class Doubt:
     """The replies to one exchange while requests before it are open: it runs again until a reply is believed."""
 
     __slots__ = (
-        "asks", "began", "changes", "equal", "extra", "gathers_from", "is_draining", "quickest", "reply", "restarts",
-        "result", "since",
+        "asks", "began", "changes", "equal", "extra", "gathers_from", "is_draining", "is_held", "quickest", "reply",
+        "restarts", "result", "since",
     )  # fmt: skip
 
     def __init__(self, now: int) -> None:
         self.began = self.gathers_from = now
+        """Begin of the exchange in doubt, and of the present gathering of replies (ns)."""
         self.restarts = 0
+        self.is_held = False
+        """Whether the line is held after the last reply, so that the next one does not come quickly."""
         self.asks: list[tuple[OpenRequest, int]] = []
         """Each request of the exchange that seemed to be answered, and the time of the reply."""
         self.result: object = None
@@ -122,7 +125,7 @@ class LateReplies:
 
     __slots__ = (
         "_greatest", "_is_stream", "_late", "_scope", "_service", "_table", "count", "expected", "heard_until",
-        "items", "last", "lost", "noisy", "open", "slow", "strange_since", "until", "within",
+        "items", "last", "lost", "noisy", "on_wait", "open", "seen_at", "slow", "strange_since", "until", "within",
     )  # fmt: skip
 
     def __init__(self, protocol: Protocol, scope: Scope, table: FrameTable) -> None:
@@ -139,12 +142,16 @@ class LateReplies:
         """Number of requests that were ever open."""
         self.last = 0
         """Time of the last late reply (ns)."""
+        self.seen_at = -1
+        """Time of the last frame that was a late reply, or may be the reply to an unknown request (ns); -1: none came."""
         self.lost = 0
         """Number of requests that no reply came to up to the horizon, since the last late reply."""
         self.expected = NO_REPLIES
         self.items: list[Callable[[], None]] = []
         """Frames sent without an exchange that wait for the end of the hold."""
         self.slow = SlowStations()
+        self.on_wait: Callable[[Any, int], None] = lambda station, until: None
+        """Called when a request to a station has to wait for late replies, with the end of the wait (ns)."""
         self._greatest: dict[Hashable, tuple[int, int]] = {}
         """For each station the greatest lateness, and when it was measured."""
         self.strange_since = 0
@@ -361,7 +368,7 @@ class LateReplies:
         elif is_awaited:
             return None
         else:
-            service = 0
+            service, self.seen_at = 0, now
             self.strange_since = self.strange_since or now
         more = self.time(self._scope, self.within)
         if more:
@@ -394,7 +401,7 @@ class LateReplies:
         """Close a request whose reply was late; learn its lateness. Return the time that the device took for it."""
         now = self._scope.now
         service, station, lateness = self._close(request), key_of(request.station), now - request.at
-        self.lost = 0
+        self.lost, self.seen_at = 0, now
         if lateness > self._greatest_of(station) and not request.by_itself:
             self._greatest[station] = lateness, now
         if not self.open:
@@ -449,15 +456,12 @@ class LateReplies:
         doubt = run.doubt
         if doubt is None:
             doubt = run.doubt = Doubt(now)
-        elif (
-            all(one.is_met for one in others)
-            and doubt.restarts < MOST_RESTARTS
-            and now - doubt.asks[-1][1] > 2 * within
-        ):
+        elif doubt.is_held and doubt.restarts < MOST_RESTARTS and self._may_be_well(others):
             self._count(doubt)
             run.first_open = self.count
             doubt.restart(now)
         doubt.asks.append((request_of(run, x), now))
+        doubt.is_held = self.until > now
         content, took = content_of(results, reply), now - run.asked_at
         if doubt.equal and content == doubt.result:
             doubt.equal += 1
@@ -476,6 +480,13 @@ class LateReplies:
             doubt.extra = 0
             return now + silence(took, within)
         return self._drain(run, doubt)
+
+    def _may_be_well(self, others: list[OpenRequest]) -> bool:
+        """Return whether a device that answers quickly after a hold may be well: no open request shows the contrary.
+
+        Either no late reply has come since the first of them, or something has come for each.
+        """
+        return self.seen_at < min(one.at for one in others) or all(one.is_met for one in others)
 
     def _believe(self, run: Run) -> int:
         run.doubt = None

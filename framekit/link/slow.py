@@ -24,12 +24,16 @@ class SlowStation(NamedTuple):
     limit: str
     """Name of the parameter that holds the time limit; empty if none does."""
 
-    def __str__(self) -> str:
+    @property
+    def who(self) -> str:
+        """Return the station in words."""
         is_named = isinstance(self.station, (int, str)) and self.station != ""
-        who = f"station {self.station}" if is_named else "the other side"
+        return f"station {self.station}" if is_named else "the other side"
+
+    def __str__(self) -> str:
         what = f"set {self.limit} to" if self.limit else "its time limit has to be"
         time, limit = readable_time(rounded(self.time)), readable_time(suggested(self.time))
-        return f"{who} answers after {time}: {what} {limit} or more"
+        return f"{self.who} answers after {time}: {what} {limit} or more"
 
 
 def rounded(time: int) -> int:
@@ -50,7 +54,7 @@ class SlowStations:
 
     def __init__(self) -> None:
         self.on_change: Callable[[SlowStation, bool], None] = lambda station, is_slow: None
-        """Called when a station is slow, when its time changes by more than a quarter, and when it is well again."""
+        """Called when a station is slow, when its time grows by more than a quarter, and when it is well again."""
         self._slow: dict[Hashable, SlowStation] = {}
         self._in_time: dict[Hashable, int] = {}
 
@@ -67,7 +71,7 @@ class SlowStations:
         key = key_of(station)
         before = self._slow.get(key)
         self._in_time[key] = 0
-        if before is None or abs(time - before.time) * 4 > before.time:
+        if before is None or (time - before.time) * 4 > before.time:
             self._slow[key] = found = SlowStation(station, time, limit)
             self.on_change(found, True)
 

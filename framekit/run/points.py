@@ -456,6 +456,8 @@ class PointTable:
         self, points: Iterable[Point], memory: DeviceMemory, wall: Callable[[int], int], wake: Callable[[], None]
     ) -> None:
         self.wall, self._wake = wall, wake
+        self.on_quality: Callable[[Point, str, str], None] = lambda point, quality, reason: None
+        """Called with quality and reason when the data of a point are no value, or stale, and when it is good again."""
         self._states = {point.name: _State(point, memory) for point in points}
         self._changed: dict[str, _State] = {}
         self._ages: list[tuple[int, int, _Group]] = []
@@ -587,6 +589,7 @@ class PointTable:
                 age = f"not read for {format_time(state.point.stale)}"
                 self._tell(state, replace(self._value(state), quality="stale", reason=age, time=self.wall(now)))
                 self._is_new(state)
+                self.on_quality(state.point, "stale", age)
         return due
 
     @staticmethod
@@ -617,12 +620,15 @@ class PointTable:
             number = state.decode(data)
         except ValueError as error:
             self._fail(state, str(error), now)
+            self.on_quality(state.point, "failed", str(error))
             return False
         is_other = state.value.quality != "good"
         state.data, state.number, state.made_at = data, number, -1
         deadband = state.point.deadband
         if is_other or (number != state.told and (not deadband or _differs(state.point, number, state.told))):
             state.told = number
+            if is_other:
+                self.on_quality(state.point, "good", "")
             if is_other or self.listeners:
                 self._tell(state, self._make(state, now))
         return True

@@ -11,7 +11,7 @@ import logging
 import threading
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
 from framekit.definition.problems import plural
@@ -25,8 +25,8 @@ MOST_NAMED = 5
 
 SECOND, MINUTE, HOUR = 1_000_000_000, 60_000_000_000, 3_600_000_000_000
 
-Event = Literal["begins", "loses", "ends", "note"]
-"""`note`: an event that does not last, such as a jump of the clock."""
+Event = Literal["begins", "changes", "loses", "ends", "note"]
+"""`changes`: another cause of a trouble that lasts. `note`: an event that does not last, such as a jump of the clock."""
 
 
 REMEDIES = (
@@ -156,31 +156,52 @@ class TroubleSource:
     """The trouble of one part of a run. Its methods may be called from any thread.
 
     `effect` describes the consequence for the data, for the first report; `count` gives the samples of the part.
+    `well`: the sentence for the end of a trouble; `shows_effect`: whether the effect belongs to the reason.
     """
 
     def __init__(
-        self, troubles: Troubles, name: str, effect: Callable[[], str], count: Callable[[], Count], unit: str
-    ) -> None:
+        self, troubles: Troubles, name: str, effect: Callable[[], str], count: Callable[[], Count], unit: str,
+        well: str, shows_effect: bool,
+    ) -> None:  # fmt: skip
         self.name = name
         self.reason = ""
+        self._well, self._shows_effect = well, shows_effect
         self._troubles = troubles
         self._effect, self._count, self._unit = effect, count, unit
         self._since = 0
         self._lost_before = 0
         self._loss_reported = False
 
-    def begins(self, reason: str) -> None:
-        """Report that the part fails, unless it failed already; a changed reason is only logged."""
+    def begins(self, reason: str, since: int | None = None) -> None:
+        """Report that the part fails, unless it failed already; a changed reason is only logged (see `changes`).
+
+        `since`: when it began to fail; default: now.
+        """
         with self._troubles.lock:
             before, self.reason = self.reason, reason
             if not before:
-                self._since = self._troubles.now()
+                self._since = self._troubles.now() if since is None else since
                 self._lost_before = self._count().lost
         if not before:
             more = "; ".join(filter(None, (remedy_of(reason), self._effect())))
             self._report("begins", f"{self.name}: {reason}{f' – {more}' if more else ''}")
         elif before != reason:
             log.warning("%s: %s", self.name, reason)
+
+    def changes(self, reason: str) -> None:
+        """Report another reason of a trouble that lasts."""
+        with self._troubles.lock:
+            self.reason = reason
+        self._report("changes", f"{self.name}: {self._with_effect(reason)}")
+
+    def _with_effect(self, reason: str) -> str:
+        effect = self._effect()
+        return f"{reason} – {effect}" if effect else reason
+
+    def forget(self) -> None:
+        """End the trouble without a report: the part is not used any more."""
+        with self._troubles.lock:
+            self.reason = ""
 
     def ends(self) -> None:
         """Report that the part works again, if it failed."""
@@ -192,7 +213,7 @@ class TroubleSource:
             duration, self._since = now - self._since, now
             count, self._loss_reported = self._count(), False
             lost = count.lost - self._lost_before
-        text = f"{self.name}: works again after {lasted(duration)}"
+        text = f"{self.name}: {self._well} after {lasted(duration)}"
         if self._unit:
             text += f", {_loss(lost, self._unit, count.points) or f'no {self._unit} was lost'}"
         self._report("ends", text)
@@ -212,9 +233,11 @@ class TroubleSource:
     @property
     def trouble(self) -> Trouble:
         """Return the present state."""
-        count = self._count()
+        count, reason = self._count(), self.reason
+        if reason and self._shows_effect:
+            reason = self._with_effect(reason)
         return Trouble(
-            name=self.name, reason=self.reason, since=self._since, waiting=count.waiting, lost=count.lost,
+            name=self.name, reason=reason, since=self._since, waiting=count.waiting, lost=count.lost,
             points=dict(count.points), unit=self._unit,
         )  # fmt: skip
 
@@ -232,10 +255,10 @@ class Troubles:
 
     def source(
         self, name: str, effect: Callable[[], str] = lambda: "", count: Callable[[], Count] = Count,
-        unit: str = "sample",
+        unit: str = "sample", well: str = "works again", shows_effect: bool = False,
     ) -> TroubleSource:  # fmt: skip
         """Register a part of the run."""
-        found = TroubleSource(self, name, effect, count, unit)
+        found = TroubleSource(self, name, effect, count, unit, well, shows_effect)
         self._sources.append(found)
         return found
 
@@ -245,9 +268,19 @@ class Troubles:
         self.report(TroubleReport("note", trouble, f"{name}: {text}"))
 
     def present(self) -> tuple[Trouble, ...]:
-        """Return the parts that fail now or have lost data, in the order of registration."""
-        found = (source.trouble for source in self._sources)
-        return tuple(one for one in found if one.reason or one.lost)
+        """Return the parts that fail now or have lost data, in the order of registration.
+
+        Troubles of the same name are joined, so each name is unique.
+        """
+        found: dict[str, Trouble] = {}
+        for one in [source.trouble for source in self._sources]:
+            if not (one.reason or one.lost):
+                continue
+            before = found.get(one.name)
+            if before is not None and before.reason and one.reason:
+                one = replace(one, reason=f"{before.reason}; {one.reason}", since=min(before.since, one.since))
+            found[one.name] = one
+        return tuple(found.values())
 
     def listen(self, listener: Callable[[TroubleReport], None]) -> None:
         """Give all reports to `listener`, one at a time, in the thread that met the trouble; first those not heard."""
@@ -255,8 +288,9 @@ class Troubles:
         self._deliver()
 
     def report(self, report: TroubleReport) -> None:
-        """Log a report, and give it to the listener."""
-        log.log(logging.INFO if report.event == "ends" else logging.WARNING, "%s", report.text)
+        """Log a report, and give it to the listener. Programs that show reports leave out these records (`is_report`)."""
+        level = logging.INFO if report.event == "ends" else logging.WARNING
+        log.log(level, "%s", report.text, extra={"is_report": True})
         self._pending.append(report)
         self._deliver()
 

@@ -85,6 +85,9 @@ class ChannelOwner:
     def slow(self, channel: int, station: SlowStation, is_slow: bool) -> None:
         """Report a station that answers after the time limit, or in time again."""
 
+    def waits(self, channel: int, station: Any, until: int) -> None:
+        """Report that no request is sent to a station before `until` (ns), because late replies may come."""
+
     def takes(self, block: int) -> Block | None:
         """Return a RECEIVE block with its present settings; None if it does not accept a frame now."""
         return None
@@ -143,6 +146,7 @@ class ChannelService:
         )
         self.engine.on_bad = self._bad
         self.engine.late.slow.on_change = partial(owner.slow, channel.number)
+        self.engine.late.on_wait = partial(owner.waits, channel.number)
         if (
             channel.asks
             and channel.wiring.may_hear_itself

@@ -6,7 +6,7 @@ All work is done in callbacks of the clock and of ports. This module prints no o
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -22,7 +22,7 @@ from framekit.run.block_state import BlockState, BlockStatus, Failure
 from framekit.run.block_words import BlockMemory, SettingError, status_of
 from framekit.run.edit import Edit, Removed, added_blocks, plan_edit
 from framekit.run.job_table import JobTable
-from framekit.run.model import POINTS_SET, Block, Channel, RunModel
+from framekit.run.model import POINTS_SET, Block, Channel, Point, RunModel
 from framekit.run.own_memory import AddressedMemory, addresses_of
 from framekit.run.scheduler import Scheduler
 from framekit.run.status import USER_DEFINED, ChannelStatus, JobsStatus, RunStatus, StationStatus
@@ -46,6 +46,7 @@ from framekit.service.points import PointService
 from framekit.service.run_loop import RunLoop
 from framekit.service.sinks import SinkHost, SinkService
 from framekit.service.state import StateFile, StateKeeper
+from framekit.service.value_troubles import BLOCK, PORT, WAIT, Item, ValueTroubles
 from framekit.transport.clock import Clock, date_at
 from framekit.transport.schemes import without_files
 
@@ -188,6 +189,8 @@ class RunService(ChannelOwner):
         self.troubles = Troubles(clock.now)
         self._slow: dict[tuple[int, Hashable], TroubleSource] = {}
         """Trouble of stations that answer after the time limit, by channel and station."""
+        self.values = ValueTroubles(self.troubles, clock, lambda: self.run.blocks, lambda: self.run.points)
+        self.points.table.on_quality = self._point_changed
         self.sinks = SinkService(run.sinks, run.points, self.points.table, clock, host, self.troubles)
         self.keeper = self._keeper()
         awaited = self._awaited()
@@ -250,11 +253,8 @@ class RunService(ChannelOwner):
             self.loop.look()
 
     def _died(self, channel: int, station: Hashable, dead: bool) -> None:
-        """Note that a station is given up for now, or is back."""
-        log.log(
-            logging.WARNING if dead else logging.INFO,
-            "channel %d: station %s %s", channel, station, "does not answer, it is asked rarely" if dead else "is back",
-        )  # fmt: skip
+        """Note that a station is given up for now, or is back; `values` reports its failures."""
+        log.info("channel %d: station %s %s", channel, station, "is given up for now" if dead else "is back")
         for state in self.states.values():
             if state.block.channel == channel:
                 self.block_memory.changed(state)
@@ -264,21 +264,59 @@ class RunService(ChannelOwner):
         key = channel, key_of(station.station)
         source = self._slow.get(key)
         if source is None:
-            source = self._slow[key] = self.troubles.source(f"channel {channel}", unit="")
+            well = f"{station.who} answers in time again"
+            source = self._slow[key] = self.troubles.source(f"channel {channel}", unit="", well=well)
         if not is_slow:
             source.ends()
         elif source.reason:
-            source.reason = str(station)
-            self.troubles.note(source.name, str(station))
+            source.changes(str(station))
         else:
             source.begins(str(station))
+
+    def waits(self, channel: int, station: Hashable, until: int) -> None:
+        """Report that no request is sent to a station before `until`, because late replies may come."""
+        self.values.waits(channel, station, until)
+
+    def _point_changed(self, point: Point, quality: str, why: str) -> None:
+        """Report a point without a good value, with the channel and station of its first block."""
+        state = self.states.get(point.blocks[0]) if point.blocks else None
+        is_good = quality == "good"
+        if state is None or state.block.job is not None or (self.values.is_quiet if is_good else not self.running):
+            return
+        channel = state.block.channel
+        if is_good or (state.enabled and self.channels[channel].is_on):
+            self.values.not_good(point, channel, self.exchanges.station_of(state), quality, why)
 
     def _ended(self, state: BlockState, ok: bool, now: int) -> None:
         self._words.completed(state.key, state, ok, now)
         if self._has_points:
             self.points.ended(state, ok, now)
+        if not ok and state.last_failure is not None:
+            self.values.failed(state.block, self._station_of(state), state.last_failure)
+        elif not self.values.is_quiet:
+            self.values.good(state.block, self._station_of(state))
         if self.on_end is not None:
             undisturbed(self.on_end, state, ok)
+
+    def _station_of(self, state: BlockState) -> Hashable:
+        return None if state.block.job is not None else self.exchanges.station_of(state)
+
+    def forget_values(self, changed: Collection[int] = ()) -> None:
+        """Expect no values of blocks and channels that were removed or switched off, or of these blocks."""
+
+        def is_idle(channel: int, item: Item) -> bool:
+            at_work = self.channels.get(channel)
+            if at_work is None or not at_work.is_on:
+                return True
+            kind, what = item
+            if kind in (PORT, WAIT):
+                return False
+            points = () if kind == BLOCK else self.run.points
+            blocks = {what, *(block for point in points if point.name == what for block in point.blocks)}
+            states = [state for state in self.states.values() if state.id in blocks and state.id not in changed]
+            return not any(state.enabled for state in states)
+
+        self.values.forget(is_idle)
 
     # ---- reports of the channels --------------------------------------------------------------------------
 
@@ -288,9 +326,14 @@ class RunService(ChannelOwner):
         self.scheduler.set_open(channel, is_open, now)
         if is_open:
             self._never_open.pop(channel, None)
+            self.values.opened(channel)
             self.exchanges.prepare(channel, (state.block for state in self.states.values()))
         elif self.running:
             why = self.channels[channel].state
+            if not self.channels[channel].is_on:
+                self.forget_values()
+            elif reports_port(self.channels[channel].channel):
+                self.values.lost(channel, why)
             if channel in self._never_open:
                 self._never_open[channel] = why
             if self._has_points:
@@ -337,6 +380,7 @@ class RunService(ChannelOwner):
 
     def stop(self) -> None:
         """Stop: no further block starts, ports are closed, and the state is kept."""
+        self.values.flush()
         self.running = False
         self.scheduler.end()
         self._stop_jobs()
@@ -445,6 +489,7 @@ class RunService(ChannelOwner):
         _there("set", number, self.run.sets)
         self.scheduler.enable_set(number, on, self.clock.now())
         self.set_switched(number)
+        self.forget_values()
 
     def enable_channel(self, number: int, on: bool = True) -> None:
         """Open the port of a channel, or close it: running exchanges fail, due blocks wait. Raises ValueError."""
@@ -474,6 +519,7 @@ class RunService(ChannelOwner):
         state = _there("block", number, self.states)
         self.scheduler.enable(number, on, self.clock.now())
         self.block_memory.changed(state)
+        self.forget_values()
 
     def _show_blocks(self) -> None:
         """Bring the words of all blocks up to date."""
@@ -498,8 +544,8 @@ class RunService(ChannelOwner):
         """Return the parts that fail now or have lost data: a state that cannot be written, sinks that take no
         values.
         """
-        slow = {source.name for source in self._slow.values()}
-        return [str(trouble) for trouble in self.troubles.present() if trouble.name not in slow]
+        of_lines = {source.name for source in self._slow.values()} | self.values.names
+        return [str(trouble) for trouble in self.troubles.present() if trouble.name not in of_lines]
 
     @property
     def never_open(self) -> list[str]:
@@ -634,6 +680,7 @@ class RunEditor:
             service.lines.open(number)
         for state in added:
             scheduler.arm(state, now)
+        service.forget_values(edit.blocks.changed)
 
 
 # ---- how it is doing ------------------------------------------------------------------------------------------
@@ -715,6 +762,11 @@ def _channel_status(service: RunService, at_work: ChannelService, now: int) -> C
         reopenings=at_work.driver.reopenings,
         step=at_work.engine.late.state_at(now),
     )
+
+
+def reports_port(channel: Channel) -> bool:
+    """Return whether a port that is not open is trouble: not if the other side opens the connection."""
+    return channel.asks or not (channel.listens or channel.wiring.modem is not None)
 
 
 def line_type(wiring: LineSettings) -> str:

@@ -273,6 +273,7 @@ class Machine:
                 return self._go_on(run, level, BYTE, due)
         elif kind is Hold:
             run.state, run.started, run.deadline = State.HELD, self.scope.now, self.late.until
+            self.late.on_wait(level.x.station, self.late.until)
         elif kind is Changing:
             run.state, run.deadline = State.CHANGING, NEVER
             run.change.run, run.change.number = run, run.wait_number
@@ -368,6 +369,7 @@ class Machine:
             self.fail_run(run, "cancelled" if run.given_up else "late_replies")
             return True
         run.state, run.deadline, run.expected, run.candidate = State.SILENT, until, NO_NAMES, None
+        self.late.on_wait(level.x.station, until)
         level.wait = SILENCE
         run.wait_number += 1
         return True

@@ -1,0 +1,232 @@
+"""Values that do not come are reported when it happens: the cause, the points, and the end, each once."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from framekit.cli.main import main
+from framekit.link.slow import SlowStation, SlowStations
+from framekit.run.trouble import TroubleReport
+from framekit.runfile.run_file import load_run
+from framekit.service.run import RunService, run_status
+from framekit.service.value_troubles import FIRST_PAUSE, MOST_NAMED
+from framekit.sinks.prometheus import _of_troubles
+from framekit.transport.clock import VirtualClock
+from framekit.transport.port import PortEvents
+
+SECOND = 1_000_000_000
+
+RUN = """run: r
+channels:
+  1: {port: "sim:d1.device.yaml", protocol: PROTOCOL, station: 1, faults: {seed: 3, rules: [RULES]}}
+points:
+POINTS
+"""
+THREE = """  a: {channel: 1, address: "40001"}
+  b: {channel: 1, address: "40050"}
+  c: {channel: 1, address: "40099"}
+"""
+
+
+def write(
+    folder: Path, rules: str = "", points: str = THREE, memory: str = "40001: [7]", protocol: str = "modbus-rtu"
+) -> Path:
+    device = f"device: d1\nprotocol: {protocol}\nstation: 1\nmemory: {{set: {{{memory}}}}}\n"
+    (folder / "d1.device.yaml").write_text(device)
+    path = folder / "r.run.yaml"
+    path.write_text(RUN.replace("PROTOCOL", protocol).replace("RULES", rules).replace("POINTS", points))
+    return path
+
+
+class World:
+    """A run on virtual time, and the reports of its troubles with their times (s)."""
+
+    def __init__(self, path: Path) -> None:
+        self.clock = VirtualClock()
+        self.service = RunService(load_run(path), self.clock)
+        self.reports: list[tuple[float, str, str]] = []
+        self.service.troubles.listen(self._hear)
+        self.service.start()
+
+    def _hear(self, report: TroubleReport) -> None:
+        self.reports.append((self.clock.now() / SECOND, report.event, report.text))
+
+    def run(self, seconds: float) -> list[str]:
+        """Let time pass; return the new reports."""
+        known = len(self.reports)
+        self.clock.run_for(int(seconds * SECOND))
+        return [text for _, _, text in self.reports[known:]]
+
+    @property
+    def shown(self) -> list[str]:
+        return [f"{one.name}: {one.reason}" for one in run_status(self.service).troubles]
+
+
+ALL = " – 3 points without a good value (a, b, c)"
+
+
+@pytest.mark.parametrize(
+    ("fault", "cause"),
+    [
+        ("no_reply", "no reply"),
+        ("error_reply", "refused 0x0002: illegal data address"),
+        ("wrong_check", "no reply: 3 replies arrived, all with a wrong check code (expected "),
+        ("wrong_station", "no reply: 3 replies arrived and could not be used, the last one – reply_adu: station is "),
+    ],
+)
+def test_one_line_when_it_begins_and_one_when_it_ends(fault: str, cause: str, tmp_path: Path) -> None:
+    world = World(write(tmp_path, f"{{fault: {fault}, from: 4 s, until: 90 s}}"))
+    assert world.run(3.9) == [] and world.shown == []
+    reports = world.run(86)
+    begun = reports[0]
+    wanted = cause.replace("no reply: 3", "damaged reply: 3") if fault == "wrong_check" else cause
+    assert begun.startswith(f"channel 1: {wanted}") and begun.endswith(ALL)
+    assert len(reports) <= 2, "it is not repeated while it lasts"
+    assert world.shown and world.shown[0].startswith(f"channel 1: {wanted.split(':')[0]}")
+    assert world.shown[0].endswith(ALL)
+    reports = world.run(60)
+    assert len(reports) == 1 and reports[0].startswith("channel 1: good values again after ")
+    assert world.reports[-1][0] < 100, "soon after the device is well"
+    assert world.shown == [] and world.service.problems == []
+
+
+def test_a_lost_port_is_reported_until_values_come_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The port opens, and the device does not answer at first: that is the same trouble with another cause."""
+    world = World(write(tmp_path, "{fault: no_reply, from: 30 s, until: 60 s}"))
+    world.run(3)
+    driver = world.service.channels[1].driver
+
+    def refused(events: PortEvents) -> None:
+        world.clock.call_soon(lambda: events.closed(world.clock.now(), "no such device"))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(driver.port, "open", refused)
+        driver.port.close()
+        driver.closed(world.clock.now(), "unplugged")
+        assert [text for *_, text in world.reports] == [f"channel 1: port not open: unplugged{ALL}"]
+        assert world.run(29) == [f"channel 1: port not open: no such device{ALL}"]
+        driver.longest_retry = 10 * SECOND
+    assert all(one.startswith("channel 1: no reply – ") for one in world.run(25))
+    assert world.run(30)[-1].startswith("channel 1: good values again after ")
+    assert world.shown == []
+
+
+def test_hundreds_of_points_that_fail_at_once_are_counted(tmp_path: Path) -> None:
+    """Each is refused by itself. The first report comes within seconds, the next has all of them."""
+    points = "".join(f'  p{n:03}: {{channel: 1, address: "{40001 + 40 * n}", every: 20 s}}\n' for n in range(200))
+    world = World(write(tmp_path, "{fault: error_reply, from: 100 ms, until: 200 s}", points))
+    reports = world.run(80)
+    assert 1 <= len(reports) <= 4
+    assert all("points without a good value (" in one and one.count("p") < 10 + 2 * MOST_NAMED for one in reports)
+    assert world.shown[0].endswith(" – 200 points without a good value (p000, p001, p002 …)")
+    assert len(world.shown) == 1 and len(world.run(60)) == 0
+
+
+def test_another_cause_is_reported_but_not_often(tmp_path: Path) -> None:
+    rules = ", ".join(
+        f"{{fault: {'no_reply' if at % 8 else 'error_reply'}, from: {at} s, until: {at + 4} s}}"
+        for at in range(4, 200, 4)
+    )
+    world = World(write(tmp_path, rules))
+    world.run(200)
+    times = [at for at, event, _ in world.reports if event == "changes"]
+    begun = [at for at, event, _ in world.reports if event == "begins"]
+    assert len(begun) <= 2 and 2 <= len(times) <= 6
+    assert times[0] - begun[0] > FIRST_PAUSE / SECOND - 0.1
+
+
+def test_a_trouble_that_comes_and_goes_is_reported_a_few_times_a_minute(tmp_path: Path) -> None:
+    rules = ", ".join(f"{{fault: error_reply, from: {at} s, until: {at + 2} s}}" for at in range(4, 400, 4))
+    world = World(write(tmp_path, rules))
+    world.run(400)
+    assert 6 <= len([one for one in world.reports if one[1] == "begins"]) <= 3 * 7
+    assert len(world.reports) <= 6 * 7
+
+
+def test_points_that_alone_are_no_value(tmp_path: Path) -> None:
+    points = '  a: {channel: 1, address: "40001"}\n  f: {channel: 1, address: "40002", type: float32, order: ABCD}\n'
+    world = World(write(tmp_path, "", points, memory="40001: [7, 32704, 0]"))
+    (begun,) = world.run(30)
+    assert begun.startswith("channel 1: ") and begun.endswith(" – 1 point without a good value (f)")
+    device = world.service.devices[0]
+    place = device.device.grammar.parse("40002")
+    device.memory.write(place.area, place.unit, place.start, [0x4120, 0], force=True)
+    (ended,) = world.run(3)
+    assert ended.startswith("channel 1: good values again after 3")
+
+
+def test_a_value_that_is_not_read_for_long_is_reported(tmp_path: Path) -> None:
+    """No exchange fails: the first takes as long as its time limit."""
+    path = write(tmp_path, "{fault: delay, time: 40 s, from: 4 s}")
+    path.write_text(path.read_text().replace("station: 1,", "station: 1, params: {reply_timeout: 60 s},"))
+    world = World(path)
+    (text,) = world.run(30)
+    assert text == f"channel 1: not read for 3 s{ALL}"
+    assert 6 < world.reports[0][0] < 12
+
+
+def test_a_wait_for_late_replies_is_reported(tmp_path: Path) -> None:
+    world = World(write(tmp_path, "{fault: delay, time: 8 s, from: 4 s, until: 40 s}"))
+    reports = world.run(100)
+    assert any("for late replies" in one for one in reports), reports
+    assert reports[-1].startswith("channel 1: ") and world.shown == []
+
+
+def test_each_station_of_a_line_has_its_own_trouble(tmp_path: Path) -> None:
+    points = "".join(f'  p{station}: {{channel: 1, address: "40001", station: {station}}}\n' for station in (1, 2))
+    world = World(write(tmp_path, "", points))
+    reports = world.run(60)
+    assert reports == ["channel 1, station 2: no reply – 1 point without a good value (p2)"]
+    world.service.enable(next(state.id for state in world.service.states.values() if state.block.name == "p2"), False)
+    assert world.shown == [], "no value is expected of a block that is switched off"
+
+
+def test_status_json_and_metrics_agree(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = str(write(tmp_path, "{fault: no_reply, from: 1500 ms}"))
+    assert main(["run", path, "--virtual", "--for", "20s", "--json", "--status"]) == 0
+    rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    (begun,) = [row for row in rows if row["event"] == "run_trouble"]
+    (status,) = [row for row in rows if row["event"] == "status"]
+    assert begun["what"] == "begins" and begun["text"] == f"channel 1: no reply{ALL}"
+    assert [(one["name"], one["reason"]) for one in status["troubles"]] == [("channel 1", f"no reply{ALL}")]
+    world = World(Path(path))
+    world.run(20)
+    (failing, _) = _of_troubles(run_status(world.service))
+    assert [(one.labels, one.value) for one in failing.samples] == [({"run": "r", "name": "channel 1"}, 1.0)]
+
+
+def test_with_a_log_each_line_stands_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = str(write(tmp_path, "{fault: no_reply, from: 1500 ms, until: 12 s}"))
+    assert main(["run", path, "--virtual", "--for", "40s", "--quiet", "--log", "warning"]) == 0
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == f"channel 1: no reply{ALL}" and lines[1].startswith("channel 1: good values again after ")
+    assert len(lines) == 2
+
+
+def test_a_run_that_ends_soon_reports_before(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = str(write(tmp_path, "{fault: error_reply}"))
+    assert main(["run", path, "--virtual", "--for", "300ms", "--quiet"]) == 0
+    assert capsys.readouterr().err.splitlines() == [f"channel 1: refused 0x0002: illegal data address{ALL}"]
+
+
+def test_the_end_of_a_slow_time_is_no_end_of_other_troubles(tmp_path: Path) -> None:
+    world = World(write(tmp_path))
+    station = SlowStation(1, 3 * SECOND, "reply_timeout")
+    world.service.slow(1, station, True)
+    world.service.slow(1, station, False)
+    assert [text for *_, text in world.reports] == [
+        "channel 1: station 1 answers after 3 s: set reply_timeout to 4 s or more",
+        "channel 1: station 1 answers in time again after 0.0 s",
+    ]
+
+
+def test_a_second_advice_is_never_less_than_the_first() -> None:
+    slow = SlowStations()
+    advice: list[int] = []
+    slow.on_change = lambda station, is_slow: advice.append(station.time if is_slow else 0)
+    for time in (4, 1, 2, 6, 3):
+        slow.answered_late(1, time * SECOND, "reply_timeout")
+    assert advice == [4 * SECOND, 6 * SECOND]
