@@ -143,7 +143,7 @@ class LateReplies:
         self.last = 0
         """Time of the last late reply (ns)."""
         self.seen_at = -1
-        """Time of the last frame that was a late reply, or may be the reply to an unknown request (ns); -1: none came."""
+        """Time of the last late reply, or of a frame that may answer an unknown request (ns); -1: none came."""
         self.lost = 0
         """Number of requests that no reply came to up to the horizon, since the last late reply."""
         self.expected = NO_REPLIES

@@ -26,7 +26,7 @@ MOST_NAMED = 5
 SECOND, MINUTE, HOUR = 1_000_000_000, 60_000_000_000, 3_600_000_000_000
 
 Event = Literal["begins", "changes", "loses", "ends", "note"]
-"""`changes`: another cause of a trouble that lasts. `note`: an event that does not last, such as a jump of the clock."""
+"""`changes`: another cause of a lasting trouble. `note`: an event that does not last, such as a jump of the clock."""
 
 
 REMEDIES = (
@@ -288,7 +288,7 @@ class Troubles:
         self._deliver()
 
     def report(self, report: TroubleReport) -> None:
-        """Log a report, and give it to the listener. Programs that show reports leave out these records (`is_report`)."""
+        """Log a report, marked as `is_report` for programs that show reports, and give it to the listener."""
         level = logging.INFO if report.event == "ends" else logging.WARNING
         log.log(level, "%s", report.text, extra={"is_report": True})
         self._pending.append(report)

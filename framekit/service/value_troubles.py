@@ -105,7 +105,8 @@ class Part:
 
     def well(self, *items: Item) -> None:
         """Note items with a good value; the trouble ends with the last."""
-        if not any([self.failing.pop(item, None) for item in items]) or self.failing:
+        known = [item for item in items if self.failing.pop(item, None) is not None]
+        if not known or self.failing:
             return
         self._cancel()
         if self.source.reason:
