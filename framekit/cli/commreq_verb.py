@@ -22,7 +22,6 @@ from framekit.cli.common import (
     assignments,
     duration_of,
     load,
-    on_stop,
     print_json,
     tell_error,
     why_not,
@@ -315,7 +314,7 @@ class JobCommands:
         from framekit.cli.device_verbs import show
         from framekit.definition.problems import DefinitionError
 
-        on_stop(self._stop)
+        self.live.on_stop(self._stop)
         self.live.stops(self._stop)
         monitor = show if self.arguments.frames else None
         line = line_of_jobs(self.application, self.profile, self.settings, monitor, self._closed)

@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +27,6 @@ from framekit.cli.common import (
     table,
     tell_error,
     time_of,
-    until_stopped,
 )
 from framekit.transport.schemes import help_on_ports, scheme_name
 
@@ -73,6 +73,17 @@ def add_type(parser: argparse.ArgumentParser) -> None:
 
 
 def carry_out(
+    arguments: argparse.Namespace, action: Callable[[Client], None], *, to_station: bool = True,
+    check: Callable[[AddressGrammar], object] | None = None,
+) -> int:  # fmt: skip
+    """Connect and run an action as `connected_to` does; frames are shown without waiting for their reader."""
+    from framekit.cli.live_output import live_output
+
+    with live_output(arguments.json) if arguments.frames else nullcontext():
+        return connected_to(arguments, action, to_station=to_station, check=check)
+
+
+def connected_to(
     arguments: argparse.Namespace, action: Callable[[Client], None], *, to_station: bool = True,
     check: Callable[[AddressGrammar], object] | None = None,
 ) -> int:  # fmt: skip
@@ -192,11 +203,11 @@ def run_read(arguments: argparse.Namespace) -> int:
 
         def repeat(client: Client) -> None:
             nonlocal status
-            with until_stopped(), live.may_drop():
+            with live.until_stopped(), live.may_drop():
                 for _ in cycle(arguments.every, arguments.times, gone):
                     status = once(client, arguments)
 
-        status = carry_out(arguments, repeat, check=check) or status
+        status = connected_to(arguments, repeat, check=check) or status
         return live.report_losses(status)
 
 

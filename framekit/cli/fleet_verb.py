@@ -20,7 +20,6 @@ from framekit.cli.common import (
     print_json,
     table,
     time_of,
-    until_stopped,
 )
 from framekit.cli.live_output import LiveOutput, live_output
 from framekit.definition.problems import printable
@@ -94,7 +93,7 @@ def run_fleet(arguments: argparse.Namespace) -> int:
         with live_output(arguments.json) as live:
             show(fleet, arguments)
             live.on_gone(lambda: changed.put(""))
-            with until_stopped(), live.may_drop():
+            with live.until_stopped(), live.may_drop():
                 watch(fleet, arguments, changed, duration, live)
             return live.report_losses(0)
 

@@ -18,7 +18,6 @@ from framekit.cli.common import (
     begin_log,
     duration_of,
     existing,
-    on_stop,
     print_json,
     table,
     until,
@@ -153,8 +152,7 @@ def _show(
 
     async def shown() -> None:
         ended = asyncio.Event()
-        on_stop(ended.set)
-        live.stops(ended.set)
+        live.on_stop(ended.set)
         if not arguments.json:
             print_results()
         async with page.shows(board, to):
@@ -162,7 +160,7 @@ def _show(
                 print_results()
             await until(duration, ended)
 
-    with live_output(arguments.json) as live:
+    with live_output(arguments.json, goes_on="the page") as live:
         asyncio.run(shown())
 
 

@@ -25,7 +25,6 @@ from framekit.cli.common import (
     in_words,
     line_of,
     load,
-    on_stop,
     print_json,
     print_trouble,
     seen_data,
@@ -62,7 +61,7 @@ def run_monitor(arguments: argparse.Namespace) -> int:
         begin_log(arguments.log)
         return show(MonitorSession(protocol, arguments, duration))
     printer = _Printer(protocol, arguments)
-    with live_output(arguments.json) as live:
+    with live_output(arguments.json, goes_on="the capture" if arguments.capture is not None else "") as live:
         begin_log(arguments.log)
         try:
             return asyncio.run(_listen(protocol, arguments, printer, duration, live))
@@ -133,7 +132,7 @@ async def _listen(
     Raises WordsError, PortError.
     """
     ended = asyncio.Event()
-    on_stop(ended.set)
+    live.on_stop(ended.set)
     live.stops(ended.set)
     states: list[str] = []
 
@@ -240,10 +239,13 @@ def run_replay(arguments: argparse.Namespace) -> int:
             events = recorded(path, arguments.direction, arguments.channel)
     except ValueError as error:
         raise VerbError(str(error)) from None
-    return asyncio.run(_replay(arguments, line, events))
+    with ProgressLine("replay") as progress, live_output(arguments.json, goes_on="the replay") as live:
+        return asyncio.run(_replay(arguments, line, events, progress, live))
 
 
-async def _replay(arguments: argparse.Namespace, line: LineFormat, events: list[LineEvent]) -> int:
+async def _replay(
+    arguments: argparse.Namespace, line: LineFormat, events: list[LineEvent], progress: ProgressLine, live: LiveOutput
+) -> int:
     from framekit.api.monitor import replay
 
     def waiting(place: str) -> None:
@@ -252,10 +254,10 @@ async def _replay(arguments: argparse.Namespace, line: LineFormat, events: list[
     speed_up = None if arguments.as_fast else arguments.speed_up
 
     def begun(replay: Replay) -> None:
-        on_stop(replay.stop)
+        live.on_stop(replay.stop)
         progress.says = lambda: f"{replay.pieces_sent} of {plural(replay.pieces, 'piece')}"
 
-    with ProgressLine("replay") as progress, in_words():
+    with in_words():
         sent, reason = await replay(
             events, arguments.port, line, direction=arguments.direction, speed_up=speed_up, waiting=waiting,
             begun=begun,

@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING, Any, Protocol, TextIO
 
-from framekit.cli.common import OUTPUT, OUTPUT_HELP, VerbError, json_line, print_trouble
+from framekit.cli.common import OUTPUT, OUTPUT_HELP, VerbError, json_line, on_stop, print_trouble, until_stopped
 from framekit.cli.terminal import GuardedTerminal, harmless, unguarded
 from framekit.definition.problems import plural
 
@@ -33,6 +33,9 @@ line with more characters is queued in parts.
 """
 AT_ONCE = 1 << 16
 """Largest number of bytes of one write."""
+LONGEST_STALL = 10.0
+LONGEST_END = 60.0
+"""Seconds for which a verb that a signal has stopped waits for its reader: without progress, and in all."""
 RETRY = 1.0
 """Seconds between two attempts to write to a stream that fails, such as a file on a full disk."""
 
@@ -73,6 +76,8 @@ class QueuedStream:
         """Reason of the last failed write; empty after a successful one."""
         self.unwritten = 0
         """Lines that waited at the end and could not be written."""
+        self.is_stuck = False
+        """Whether the end has not waited for the reader any longer: a write to the stream would block."""
         self.help = "read it"
         """Advice for the user when the queue is full."""
         self._loss_line, self._on_gone = loss_line, on_gone
@@ -263,6 +268,7 @@ class QueuedStream:
             if not self.unwritten:
                 self.error = ""
             self._waiting -= len(data)
+            self._change.notify_all()
             self._waiting_lines -= bytes(data).count(b"\n")
             if self._is_full and self._waiting <= MOST_WAITING // 2:
                 self._end_loss()
@@ -301,8 +307,11 @@ class QueuedStream:
         self._waiting = self._waiting_lines = 0
         self._queue.clear()
 
-    def close(self) -> None:
-        """Wait until all lines are written, or cannot be written; later texts go to the stream itself."""
+    def close(self, is_stopped: Callable[[], bool] = lambda: False) -> None:
+        """Wait until all lines are written, or cannot be written; later texts go to the stream itself.
+
+        If `is_stopped`, give up when the reader does not read; the waiting lines count as unwritten.
+        """
         with self._change:
             if not self.gone:
                 for begun in self._begun.values():
@@ -311,9 +320,24 @@ class QueuedStream:
             self._ending = True
             self._change.notify_all()
             try:
-                self._change.wait_for(lambda: self._closed or not self._has_thread)
+                if not self._waits_for_end(is_stopped):
+                    self.is_stuck, self.error = True, UNREAD
+                    self.unwritten += max(1, self._waiting_lines)
+                    self._forget()
             finally:  # also after Ctrl-C
                 self._closed = True
+
+    def _waits_for_end(self, is_stopped: Callable[[], bool]) -> bool:
+        """Wait for the writer thread; return False if a stopped verb has waited too long."""
+        while not is_stopped():
+            if self._change.wait_for(lambda: self._closed or not self._has_thread, timeout=RETRY):
+                return True
+        end = time.monotonic() + LONGEST_END
+        while not (self._closed or not self._has_thread):
+            before, limit = self._waiting, min(LONGEST_STALL, end - time.monotonic())
+            if not self._change.wait_for(lambda: self._closed or self._waiting != before, timeout=limit):  # noqa: B023
+                return False
+        return True
 
 
 def _functions_of(stream: TextIO) -> tuple[Callable[[str], bytes], Callable[[memoryview], int]]:
@@ -356,9 +380,16 @@ def _functions_of(stream: TextIO) -> tuple[Callable[[str], bytes], Callable[[mem
 
 
 class LiveOutput:
-    """Both streams of a verb at work; a single queue for both if they lead to the same terminal, pipe or file."""
+    """Both streams of a verb at work; a single queue for both if they lead to the same terminal, pipe or file.
 
-    def __init__(self, as_json: bool, has_quiet: bool) -> None:
+    `goes_on`: the work that goes on when the reader of standard output has gone, such as `the run`; without it the
+    verb ends.
+    """
+
+    def __init__(self, as_json: bool, has_quiet: bool, goes_on: str = "") -> None:
+        self._goes_on = goes_on
+        self.is_stopped = False
+        """Whether a signal has asked the verb to stop."""
         loss_line = _loss_data if as_json else _loss_text
         self.output = self.errors = QueuedStream(sys.stdout, OUTPUT, loss_line, self._has_gone)
         if not _is_same(sys.stdout, sys.stderr):
@@ -376,6 +407,25 @@ class LiveOutput:
     def gone(self) -> bool:
         """Return whether the reader of standard output has gone."""
         return self.output.gone
+
+    def on_stop(self, stop: Callable[[], object]) -> None:
+        """Make the running loop call `stop` at each signal that asks the verb to stop."""
+
+        def has_stopped() -> None:
+            self.is_stopped = True
+            stop()
+
+        on_stop(has_stopped)
+
+    @contextmanager
+    def until_stopped(self) -> Iterator[None]:
+        """End work without a loop at each signal that asks the verb to stop, without an error."""
+        with until_stopped():
+            try:
+                yield
+            except KeyboardInterrupt:
+                self.is_stopped = True
+                raise
 
     def on_gone(self, stop: Callable[[], object]) -> None:
         """Call `stop` when the reader of standard output has gone, in the writer thread."""
@@ -397,6 +447,9 @@ class LiveOutput:
         self.on_gone(has_gone)
 
     def _has_gone(self) -> None:
+        if self._goes_on:
+            self.errors.write(f"{OUTPUT}: {GONE} – {self._goes_on} goes on without it\n")
+            return
         with self._lock:
             stops = list(self._stops)
         for stop in stops:
@@ -431,8 +484,8 @@ class LiveOutput:
         return self.status
 
     def check(self) -> None:
-        """Raise BrokenPipeError if the reader of standard output has gone."""
-        if self.gone:
+        """Raise BrokenPipeError if the reader of standard output has gone, and the verb ends then."""
+        if self.gone and not self._goes_on:
             raise BrokenPipeError
 
 
@@ -463,15 +516,16 @@ class _UnwrittenError(VerbError):
 
 
 @contextmanager
-def live_output(as_json: bool, *, has_quiet: bool = False) -> Iterator[LiveOutput]:
+def live_output(as_json: bool, *, has_quiet: bool = False, goes_on: str = "") -> Iterator[LiveOutput]:
     """Queue printed lines while the context lasts; wait at its end until all of them are written.
 
     Raise BrokenPipeError if the reader of standard output has gone, VerbError if lines of a stream could not be
     written. `as_json`: whether the lines of standard output are JSON objects. `has_quiet`: whether the verb has the
-    option `--quiet`.
+    option `--quiet`. `goes_on`: the work that goes on when the reader of standard output has gone, such as `the run`;
+    without it the verb ends.
     """
     before = sys.stdout, sys.stderr
-    live = LiveOutput(as_json, has_quiet)
+    live = LiveOutput(as_json, has_quiet, goes_on)
     streams: tuple[Any, Any] = live.output, live.errors
     sys.stdout, sys.stderr = streams
     try:
@@ -479,13 +533,19 @@ def live_output(as_json: bool, *, has_quiet: bool = False) -> Iterator[LiveOutpu
     finally:
         try:
             for stream in live.streams:
-                stream.close()
+                stream.close(lambda: live.is_stopped)
         finally:
             sys.stdout, sys.stderr = before
     live.check()
     if failed := [one for one in live.streams if one.unwritten]:
-        messages = [f"{one.name}: {one.error}, {_last(one.unwritten)} lost – {OUTPUT_HELP}" for one in failed]
+        messages = [f"{one.name}: {one.error}, {_last(one.unwritten)} lost – {_remedy(one)}" for one in failed]
+        if live.errors.is_stuck:  # the message cannot be written either
+            raise SystemExit(live.status or VerbError.status)
         raise _UnwrittenError("; ".join(messages), live.status)
+
+
+def _remedy(stream: QueuedStream) -> str:
+    return "read it, or send the output to another place" if stream.is_stuck else OUTPUT_HELP
 
 
 def _last(number: int) -> str:

@@ -1,7 +1,8 @@
 """`framekit VERB …`: find the verb, run it, and turn errors into a message and an exit status, never a traceback.
 
 0: success. 1: the object of the command is wrong, the command failed, or its output could not be written. 2: the
-command line is wrong. 3: no reply, or no port.
+command line is wrong. 3: no reply, or no port. 141: the reader of the output
+has gone.
 """
 
 from __future__ import annotations
@@ -32,6 +33,9 @@ READS_ITSELF = (
     "schema",
 )
 """Verbs that read definitions as they are written, or none: they do not use the cache."""
+
+OUTPUT_CLOSED = 141
+"""Exit status if the reader of standard output has gone: that of a program that SIGPIPE has ended, in shells."""
 
 
 def fit_output() -> None:
@@ -102,8 +106,9 @@ def _written(words: list[str]) -> int:
         from framekit.cli.terminal import discard_unwritten
 
         discard_unwritten()
-        if not isinstance(error, BrokenPipeError):  # the reader of a pipe may leave early, as `head` does
-            print_failure(error)
+        if isinstance(error, BrokenPipeError):  # the reader of a pipe may leave early, as `head` does
+            return status or OUTPUT_CLOSED
+        print_failure(error)
         return status or 1
     return status
 

@@ -63,7 +63,8 @@ def add_record_arguments(parser: argparse.ArgumentParser) -> None:
 def run_record(arguments: argparse.Namespace) -> int:
     _check(arguments)
     duration = duration_of(arguments.duration)
-    with live_output(arguments.json, has_quiet=True) as live:
+    goes_on = "" if arguments.output is None or arguments.tries else "the recording"
+    with live_output(arguments.json, has_quiet=True, goes_on=goes_on) as live:
         begin_log(arguments.log)
         try:
             return asyncio.run(_run(arguments, duration, live))
@@ -121,7 +122,7 @@ async def _record(
     from framekit.transport.schemes import scheme_of
 
     began = time.monotonic_ns()
-    on_stop(stopped.set)
+    live.on_stop(stopped.set)
     live.stops(stopped.set)
     kind = scheme_of(arguments.ports[0])
     pause = usual_pause(line if kind is not None and kind.wires else None)

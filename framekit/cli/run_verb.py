@@ -21,7 +21,6 @@ from framekit.cli.common import (
     begin_log,
     duration_of,
     on_signal,
-    on_stop,
     period_of,
     print_json,
     run_in_loop,
@@ -87,7 +86,7 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
 def run_run(arguments: argparse.Namespace) -> int:
     if arguments.virtual or arguments.screen:
         return _run(arguments, None)
-    with live_output(arguments.json, has_quiet=True) as live:
+    with live_output(arguments.json, has_quiet=True, goes_on="the run") as live:
         live.status = _run(arguments, live)
         return live.status
 
@@ -227,17 +226,16 @@ class RealRun:
 
     async def carry_out(self, loaded: RunModel, duration: int | None) -> Ended:
         """Run until the time is over, or SIGINT or SIGTERM arrives; a second signal ends sessions and hanging up."""
-        on_stop(self._is_signalled)
+        self._live.on_stop(self._is_signalled)
         if self._arguments.control:
             self._read_control()
-        self._live.stops(self._ended.set)
         self._left = duration
         with self._in_fleet(loaded):
             page = WebPage(self._arguments)
             while True:
                 ended = await self._one(loaded, page)
                 gateway = self._gateway
-                if gateway is None or gateway.next_run is None or self._live.gone:
+                if gateway is None or gateway.next_run is None:
                     break
                 loaded, page = gateway.next_run, WebPage(self._arguments)
                 self._output = self._make_output(loaded)
@@ -298,12 +296,11 @@ class RealRun:
                 finally:
                     if watching is not None:
                         watching.cancel()
-                    if not self._live.gone:
-                        self.watch.at_end()
+                    self.watch.at_end()
                     await self._finish(run)
         if self._left is not None:
             self._left = max(0, self._left - round((loop.time() - began) * 1e9))
-        return Ended([], []) if self._live.gone else _summary(run, output)
+        return _summary(run, output)
 
     def _is_signalled(self) -> None:
         if self._ended.is_set():

@@ -20,7 +20,6 @@ from framekit.cli.common import (
     in_words,
     json_line,
     on_signal,
-    on_stop,
     period_of,
     plain,
     print_trouble,
@@ -101,7 +100,7 @@ def add_serve_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run_serve(arguments: argparse.Namespace) -> int:
     if not arguments.screen:
-        with live_output(arguments.json, has_quiet=True) as live:
+        with live_output(arguments.json, has_quiet=True, goes_on="the server") as live:
             return _run(arguments, live)
     return _run(arguments, None)
 
@@ -161,8 +160,7 @@ async def _serve(
     Raises PortError if the port cannot be opened.
     """
     ended = asyncio.Event()
-    on_stop(ended.set)
-    live.stops(ended.set)
+    live.on_stop(ended.set)
     output = (JsonServeOutput if arguments.json else TextServeOutput)(server)
     for text in warnings_of(server):
         output.warning(text)

@@ -212,6 +212,53 @@ def test_a_reader_that_has_gone_ends_the_verb_without_a_word(pipes: Callable[[],
     assert errors.rest() == []
 
 
+def test_a_reader_that_has_gone_is_reported_and_the_work_goes_on(pipes: Callable[[], tuple[Pipe, Pipe]]) -> None:
+    output, errors = pipes()
+    with live_output(False, goes_on="the run") as live, live.may_drop():
+        print("one")
+        assert output.line() == "one"
+        os.close(output.reader)
+        output.reader = os.open(os.devnull, os.O_RDONLY)
+        for number in range(10_000):
+            print(number)
+        until(lambda: live.gone)
+        print("goes on", file=sys.stderr)
+        assert live.report_losses(0) == 0
+    errors.stream.close()
+    assert errors.rest() == ["standard output: its reader has gone – the run goes on without it", "goes on"]
+
+
+def test_a_stopped_verb_does_not_wait_for_its_reader_without_an_end(
+    pipes: Callable[[], tuple[Pipe, Pipe]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("framekit.cli.live_output.LONGEST_STALL", 0.1)
+    output, _ = pipes()
+    with pytest.raises(VerbError) as failed, live_output(False) as live:
+        for number in range(2000):
+            print(number, "x" * 100)
+        assert output.line().startswith("0 x")
+        live.is_stopped = True
+    number = int(str(failed.value).partition("the last ")[2].split()[0])
+    assert str(failed.value) == (
+        f"standard output: {UNREAD}, the last {number} lines were lost – read it, or send the output to another place"
+    )
+    assert 1000 < number <= 2000
+
+
+def test_a_stopped_verb_ends_if_its_only_reader_does_not_read(
+    pipes: Callable[[], tuple[Pipe, Pipe]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With `2>&1` the message cannot be written either."""
+    monkeypatch.setattr("framekit.cli.live_output.LONGEST_STALL", 0.1)
+    pipes()
+    monkeypatch.setattr(sys, "stderr", sys.stdout)
+    with pytest.raises(SystemExit) as ended, live_output(False) as live:
+        for number in range(2000):
+            print(number, "x" * 100)
+        live.is_stopped = True
+    assert ended.value.code == 1
+
+
 def test_the_log_may_lose_its_reader(pipes: Callable[[], tuple[Pipe, Pipe]]) -> None:
     output, errors = pipes()
     troubles = Troubles(time.monotonic_ns)

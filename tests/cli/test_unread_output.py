@@ -1,13 +1,17 @@
-"""Verbs that keep a line alive end without a traceback when the reader of their output has gone."""
+"""Verbs whose reader has gone: those that only print end quietly as SIGPIPE programs do, a run and a server go on."""
 
 from __future__ import annotations
 
+import signal
+import socket
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 from cli.small_run import DEVICE, RUN
+from cli.test_live_output import ask, go_on
 from spread import spread
 
 WORDS = ["2003", "5", "0", "1", "1", "0", "8", "100", "8", "50", "4", "1", "4", "3", "0", "0", "1"]
@@ -17,8 +21,6 @@ WORDS = ["2003", "5", "0", "1", "1", "0", "8", "100", "8", "50", "4", "1", "4", 
     "words",
     spread(
         [
-            ["run", "unread.run.yaml", "--frames"],
-            ["run", "unread.run.yaml", "--frames", "--json"],
             ["run", "unread.run.yaml", "--virtual", "--for", "1h", "--frames"],
             ["read", "modbus-tcp", "--port", "sim:far.device.yaml", "--station", "1", "40001", "--every", "5 ms"],
             ["commreq", "srtp", "--commands", "ge-channels", "--port", "sim:plc.device.yaml", *WORDS],
@@ -26,7 +28,7 @@ WORDS = ["2003", "5", "0", "1", "1", "0", "8", "100", "8", "50", "4", "1", "4", 
         4,
     ),
 )
-def test_nobody_reads_any_more(tmp_path: Path, words: list[str]) -> None:
+def test_verbs_that_only_print_end_quietly(tmp_path: Path, words: list[str]) -> None:
     (tmp_path / "far.device.yaml").write_text(DEVICE, encoding="utf-8")
     (tmp_path / "plc.device.yaml").write_text("device: plc\nprotocol: srtp\n", encoding="utf-8")
     (tmp_path / "unread.run.yaml").write_text(RUN, encoding="utf-8")
@@ -37,7 +39,55 @@ def test_nobody_reads_any_more(tmp_path: Path, words: list[str]) -> None:
         assert process.stdout is not None and process.stderr is not None
         process.stdout.readline()
         process.stdout.close()
-        assert process.wait(60) == 1 and process.stderr.read() == ""
+        assert process.wait(60) == 141 and process.stderr.read() == ""
+
+
+@pytest.mark.parametrize("options", [("--frames",), ("--frames", "--json")])
+def test_a_run_goes_on_without_its_reader(tmp_path: Path, options: tuple[str, ...]) -> None:
+    """`framekit run plant.run.yaml | head -1`: a line says so, and values are stored on."""
+    (tmp_path / "far.device.yaml").write_text(DEVICE, encoding="utf-8")
+    points = 'points:\n  level: {channel: 1, address: "40001", every: 20 ms}\nsinks:\n  - {csv: a.csv, every: 100 ms}\n'
+    (tmp_path / "unread.run.yaml").write_text(RUN + points, encoding="utf-8")
+    with subprocess.Popen(
+        [sys.executable, "-m", "framekit.cli.main", "run", "unread.run.yaml", *options],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    ) as process:  # fmt: skip
+        assert process.stdout is not None and process.stderr is not None
+        process.stdout.readline()
+        process.stdout.close()
+        assert process.stderr.readline() == "standard output: its reader has gone – the run goes on without it\n"
+        before = (tmp_path / "a.csv").stat().st_size
+        go_on(tmp_path / "a.csv")
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(60) == 0 and process.stderr.read() == ""
+    assert (tmp_path / "a.csv").stat().st_size > before
+
+
+def test_a_server_goes_on_without_its_reader(tmp_path: Path) -> None:
+    words = ["serve", "modbus-tcp", "--port", "tcp-listen://127.0.0.1:0", "--station", "1"]
+    with subprocess.Popen(
+        [sys.executable, "-m", "framekit.cli.main", *words],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    ) as process:  # fmt: skip
+        assert process.stdout is not None and process.stderr is not None
+        port = int(process.stdout.readline().rpartition(":")[2])
+        process.stdout.close()
+        with closing(socket.create_connection(("127.0.0.1", port), 60)) as place:
+            for number in range(3):
+                ask(place, number)
+        assert process.stderr.readline() == "standard output: its reader has gone – the server goes on without it\n"
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(60) == 0
+
+
+def test_text_ends_as_a_program_that_sigpipe_has_ended(tmp_path: Path) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-m", "framekit.cli.main", "schema", "run"],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    ) as process:  # fmt: skip
+        assert process.stdout is not None and process.stderr is not None
+        process.stdout.close()
+        assert process.wait(60) == 141 and process.stderr.read() == ""
 
 
 def test_closed_streams_take_no_text_and_stop_nothing(tmp_path: Path) -> None:
