@@ -58,7 +58,7 @@ def decode_capture(protocol: Protocol, arguments: argparse.Namespace) -> int:
     if _matching(arguments.capture):
         raise WordsError(f"{arguments.capture}: a pattern needs --to OUT.parquet – add it, or name one file")
     path, line = existing(arguments.capture), line_of(protocol, arguments)
-    given = assignments(arguments.set)
+    given = assignments(arguments.param)
     try:
         with in_words():
             found = decoder(path, protocol, line=line, params=given, client=arguments.client)
@@ -122,7 +122,7 @@ def _archive(protocol: Protocol, arguments: argparse.Namespace) -> int:
     line = ProgressLine("decode", lambda: f"{ended} of {plural(len(captures), 'capture')}")
     with nullcontext() if hidden else line, in_words(), closing(
         archive(
-            captures, arguments.protocol, arguments.to, params=assignments(arguments.set),
+            captures, arguments.protocol, arguments.to, params=assignments(arguments.param),
             line=line_of(protocol, arguments), client=arguments.client, wanted=filter_of(arguments),
             jobs=arguments.jobs, engine=arguments.engine or "",
         )
@@ -154,7 +154,7 @@ def _values(protocol: Protocol, arguments: argparse.Namespace) -> int:
             raise WordsError(f"{option} has no effect with --values – remove it")
     if arguments.values.suffix != ".csv":
         raise WordsError(f"--values {arguments.values}: write a name that ends in .csv")
-    path, given = existing(arguments.capture), assignments(arguments.set)
+    path, given = existing(arguments.capture), assignments(arguments.param)
     try:
         with in_words():
             found = decoder(path, protocol, line=line_of(protocol, arguments), params=given, client=arguments.client)

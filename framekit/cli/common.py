@@ -5,9 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import errno
-import gc
 import os
-import signal
 import sys
 import threading
 import time
@@ -76,10 +74,6 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "protocol": {"metavar": "PROTOCOL", "help": "name of a shipped protocol, or a YAML file"},
     "-n, --count": {"type": int, "metavar": "COUNT"},
     "--json": {"action": "store_true", "help": "print JSON instead of text"},
-    "--set": {
-        "action": "append", "default": [], "metavar": "NAME=VALUE",
-        "help": "value of a parameter or a variable that the bytes depend on; may be repeated",
-    },
     "--speed": {"type": int, "metavar": "BITS", "help": "line speed in bits a second; default: the protocol's"},
     "--format": {"metavar": "8E1", "help": "data bits, parity (N, E, O, M, S) and stop bits; default: the protocol's"},
     "--param": {
@@ -100,8 +94,11 @@ OPTIONS: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 """Arguments of several verbs."""
 
+NAMES_HELP = "value of a parameter or a variable that the bytes depend on; may be repeated"
+"""Help of `--param` for verbs that have bytes and no line."""
 
-def add(parser: argparse.ArgumentParser, *names: str, **otherwise: Any) -> None:
+
+def add(parser: argparse._ActionsContainer, *names: str, **otherwise: Any) -> None:
     """Add arguments of `OPTIONS`; `otherwise` replaces settings of the table."""
     for name in names:
         parser.add_argument(*name.split(", "), **(OPTIONS[name] | otherwise))
@@ -366,6 +363,8 @@ def begin_log(level: str | None) -> None:
 
 def on_signal(name: str, act: Callable[[], object]) -> None:
     """Make the loop call `act` at a signal (`SIGHUP`); signals that the system does not have never come."""
+    import signal
+
     number = getattr(signal, name, None)
     if number is None:
         return
@@ -400,6 +399,8 @@ def until_stopped() -> Iterator[None]:
 
     Also if the program was started with SIGINT ignored, as shells start jobs in the background.
     """
+    import signal
+
     numbers = [number for name in STOP_SIGNALS if (number := getattr(signal, name, None)) is not None]
     before = {number: signal.signal(number, signal.default_int_handler) for number in numbers}
     try:
@@ -414,6 +415,8 @@ def until_stopped() -> Iterator[None]:
 @contextlib.contextmanager
 def without_collecting() -> Iterator[None]:
     """Exclude existing objects from garbage collection, which stops everything: for 0.2 s in a large run."""
+    import gc
+
     gc.collect()
     gc.freeze()
     try:

@@ -56,7 +56,10 @@ def add_commreq_arguments(parser: argparse.ArgumentParser) -> None:
         help="decimal, 0x… or @FILE; or the name of a command, and FIELD=VALUE …; + and the next command",
     )
     parser.add_argument("--commands", metavar="NAME", help="the application of commands; default: the protocol's")
-    add(parser, "--set", metavar="ADDRESS=VALUE,…", help="own memory; may be repeated")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="ADDRESS=VALUE[,VALUE…]",
+        help="start value in the own memory; may be repeated",
+    )  # fmt: skip
     add(parser, "--for", help="end jobs after this time; default: when they are over")
     parser.add_argument("--explain", action="store_true", help="only say what the words mean, as without --port")
 

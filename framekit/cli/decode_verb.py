@@ -10,7 +10,17 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from framekit.cli.common import WordsError, add, hex_bytes, load_codec, print_json, scope_of, table, tell_error
+from framekit.cli.common import (
+    NAMES_HELP,
+    WordsError,
+    add,
+    hex_bytes,
+    load_codec,
+    print_json,
+    scope_of,
+    table,
+    tell_error,
+)
 from framekit.codec.functions import candidates, fitting, of_side, reason
 from framekit.codec.shown import code_text, shown, with_name
 
@@ -69,7 +79,8 @@ def add_decode_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--frame", help="try this frame only")
     parser.add_argument("--from", dest="side", choices=("client", "server"), help="which side sent the bytes")
-    add(parser, "--set", "--json")
+    add(parser, "--param", help=NAMES_HELP)
+    add(parser, "--json")
     add_capture_arguments(parser, bytes_)
 
 
@@ -82,7 +93,7 @@ def run_decode(arguments: argparse.Namespace) -> int:
     for option in ("to", "values", "jobs", "engine"):
         if getattr(arguments, option) is not None:
             raise WordsError(f"--{option} has no effect without --capture – add it, or remove this")
-    names = context(codec, arguments.set)
+    names = context(codec, arguments.param)
     data = hex_bytes(" ".join(arguments.bytes))
     tried = frames_tried(codec, arguments.frame, arguments.side)
     fits, faults = fitting(codec, codec.catalogue, data, tried, names)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from framekit.api.rows import spaced
 from framekit.cli.common import (
+    NAMES_HELP,
     ProgressLine,
     VerbError,
     WordsError,
@@ -51,7 +52,8 @@ def add_encode_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FIELD=VALUE",
         help="value of a field; RECORD.FIELD and LIST[0] as decode shows them, or JSON",
     )
-    add(parser, "--set", "--json")
+    add(parser, "--param", help=NAMES_HELP)
+    add(parser, "--json")
 
 
 def run_encode(arguments: argparse.Namespace) -> int:
@@ -63,7 +65,7 @@ def run_encode(arguments: argparse.Namespace) -> int:
     if arguments.frame not in protocol.frames:
         raise WordsError(no_such(f"'{protocol.name}' has no frame", arguments.frame, protocol.frames))
     given = fields_given(arguments.fields)
-    scope = scope_of(protocol, arguments.set)
+    scope = scope_of(protocol, arguments.param)
     try:
         fields = PlainValues(protocol).from_plain(arguments.frame, given)
         data = compile_protocol(protocol).encode(arguments.frame, fields, scope)
@@ -272,7 +274,7 @@ def add_generate_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--strict", action="store_true", help="c, wireshark, kaitai: exit status 1 if something is left out"
     )
-    add(parser, "--set")
+    add(parser, "--param", help=NAMES_HELP)
     parser.add_argument(
         "--max-bytes", type=_bytes_of_a_frame, metavar="N", default=None,
         help="c: bytes of a frame whose definition has no limit (default 1024)",
@@ -300,12 +302,12 @@ def run_generate(arguments: argparse.Namespace) -> int:
         return _generate_document(arguments)
     protocol = load_codec(arguments.protocol).protocol
     left_out = ""
-    if arguments.set and arguments.what != "wireshark":
-        raise WordsError("--set is for wireshark: other code is given parameters when it runs")
+    if arguments.param and arguments.what != "wireshark":
+        raise WordsError("--param is for wireshark: other code is given parameters when it runs")
     if arguments.what == "wireshark":
         from framekit.codec.lua.generate import generate_dissector
 
-        made = generate_dissector(protocol, scope_of(protocol, arguments.set))
+        made = generate_dissector(protocol, scope_of(protocol, arguments.param))
         source, left_out = made.source, "\n".join(_not_said(*one) for one in made.left_out)
     elif arguments.what == "python":
         from framekit.codec.python.generate import generate_source
@@ -408,8 +410,8 @@ def _generate_kaitai(arguments: argparse.Namespace) -> int:
     folder: Path | None = arguments.output
     if folder is None:
         raise WordsError("a Kaitai file is written into a directory – add -o DIR")
-    if arguments.set:
-        raise WordsError("--set is for wireshark: a Kaitai file is given parameters when it reads")
+    if arguments.param:
+        raise WordsError("--param is for wireshark: a Kaitai file is given parameters when it reads")
     made = generate_kaitai(load_codec(arguments.protocol).protocol)
     path = folder / f"{made.name}.ksy"
     try:

@@ -20,7 +20,6 @@ def add_edit_arguments(parser: argparse.ArgumentParser) -> None:
     add_web(parser)
     add(parser, "--log", "--json")
     parser.set_defaults(web=USUAL)
-    parser.epilog = "examples: `framekit edit plant.run.yaml` and `framekit edit . --web 8041`"
 
 
 def run_edit(arguments: argparse.Namespace) -> int:

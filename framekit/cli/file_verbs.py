@@ -1,5 +1,5 @@
-"""Verbs that create files: `framekit new`, a package for a new protocol; `framekit import`, a definition from another
-program's protocol file; `framekit schema`, the schemas with which editors complete keys and mark errors.
+"""Verbs that create files: `framekit new`, a package for a new protocol; `framekit import`, a definition or points from
+a file of another program; `framekit schema`, the schemas with which editors complete keys and mark errors.
 """
 
 from __future__ import annotations
@@ -8,13 +8,17 @@ import argparse
 import sys
 from pathlib import Path
 
-from framekit.cli.common import VerbError, WordsError, in_words, near, print_json, why_not
+from framekit.cli.common import VerbError, WordsError, add, existing, in_words, near, print_json, why_not
+
+ORDERS = ("ABCD", "BADC", "CDAB", "DCBA")
+"""Orders of the bytes of a number in two words."""
 
 
 def add_new_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("what", choices=("protocol",), help="protocol: a package with a definition, cases and a test")
     parser.add_argument("name", metavar="NAME", help="name of the protocol, such as acme-meter")
     parser.add_argument("-o", "--output", metavar="FOLDER", type=Path, help="where to write it; default: framekit-NAME")
+    add(parser, "--json")
 
 
 def run_new(arguments: argparse.Namespace) -> int:
@@ -26,26 +30,38 @@ def run_new(arguments: argparse.Namespace) -> int:
             written = new_protocol(arguments.name, folder)
         except OSError as error:
             raise VerbError(why_not(error)) from None
-    for path in written:
-        print(near(str(path)))
+    if arguments.json:
+        print_json({"written": [near(str(path)) for path in written]})
+    else:
+        print("\n".join(near(str(path)) for path in written))
     return 0
 
 
 def add_import_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("file", metavar="FILE", type=Path, help="such a file, as x.proto; the ending says what it is")
+    parser.add_argument(
+        "file", metavar="FILE", type=Path,
+        help="a protocol file (.proto, .ksy), which becomes a definition, or a list of registers (.csv; its first row "
+        "names the columns), which becomes points",
+    )  # fmt: skip
     parser.add_argument("-o", "--output", metavar="NAME.yaml", type=Path, help="where; default: beside FILE")
     parser.add_argument("--strict", action="store_true", help="exit status 1 if something is left out")
+    parser.add_argument(
+        "--address", metavar="FORM", help="of a list: how a register is written, {} stands for its number: %%MW{}"
+    )
+    parser.add_argument("--add", metavar="N", type=int, help="of a list: added to each number, 40001 for those from 0")
+    parser.add_argument("--order", choices=ORDERS, help="of a list: order of the bytes of longer numbers")
+    add(parser, "--json")
 
 
 def run_import(arguments: argparse.Namespace) -> int:
-    from framekit.api.draft import DraftError, protocol_name
-    from framekit.api.imports import definition_beside, import_definition
+    from framekit.api.draft import DraftError
+    from framekit.api.imports import definition_beside
     from framekit.api.replaced_file import replace_whole
 
     file, place = arguments.file, arguments.output or definition_beside(arguments.file)
     try:
         with in_words():
-            made = import_definition(file, protocol_name(place))
+            text, left_out, notes = _points(arguments, place) if is_list(file) else _definition(arguments, place)
         if place.exists() and place.samefile(file):
             raise WordsError(f"{near(str(place))} is the file that is read – name another one with -o")
         if place.exists() and arguments.output is None:
@@ -55,13 +71,49 @@ def run_import(arguments: argparse.Namespace) -> int:
     except OSError as error:
         raise WordsError(why_not(error)) from None
     try:
-        replace_whole(place.resolve(), made.text.encode(), place if place.exists() else None)
+        replace_whole(place.resolve(), text.encode(), place if place.exists() else None)
     except OSError as error:
         raise VerbError(why_not(error, place)) from None
-    for problem in made.left_out:
-        print(problem, file=sys.stderr)
-    print(f"{near(str(place))} is written – framekit check {near(str(place))}")
-    return 1 if arguments.strict and any(not problem.warning for problem in made.left_out) else 0
+    for line in (*left_out, *notes):
+        print(line, file=sys.stderr)
+    if arguments.json:
+        print_json({"written": near(str(place)), "left_out": left_out, "notes": notes})
+    else:
+        print(f"{near(str(place))} is written – framekit check {near(str(place))}")
+    return 1 if arguments.strict and left_out else 0
+
+
+def is_list(file: Path) -> bool:
+    """Return whether a file is a list of registers."""
+    return file.suffix.lower() == ".csv"
+
+
+def _definition(arguments: argparse.Namespace, place: Path) -> tuple[str, list[str], list[str]]:
+    """Return a definition made of a file: its text, the parts that are left out, other messages."""
+    from framekit.api.draft import protocol_name
+    from framekit.api.imports import import_definition
+
+    for option in ("address", "add", "order"):
+        if getattr(arguments, option) is not None:
+            raise WordsError(f"--{option} is for lists of registers (.csv) – leave it out")
+    made = import_definition(arguments.file, protocol_name(place))
+    left_out = [str(problem) for problem in made.left_out if not problem.warning]
+    return made.text, left_out, [str(problem) for problem in made.left_out if problem.warning]
+
+
+def _points(arguments: argparse.Namespace, place: Path) -> tuple[str, list[str], list[str]]:
+    """Return the points of a list of registers: their text, the rows that are left out, other messages."""
+    from framekit.api.points import points_text, read_vendor_table
+
+    form, file = "{}" if arguments.address is None else arguments.address, existing(arguments.file)
+    if "{}" not in form:
+        raise WordsError(f"--address: '{form}' has no {{}} for the number of the register")
+    found = read_vendor_table(file, form, arguments.add or 0, arguments.order)
+    left_out = [f"{problem} – left out" for problem in found.problems]
+    if not found.points:
+        raise VerbError("\n".join([f"{file} has no row that can be read", *left_out]))
+    notes = [f"columns without effect on points: {', '.join(found.unused)}"] if found.unused else []
+    return points_text(found, place.name.partition(".")[0], f"framekit import {file.name}"), left_out, notes
 
 
 def add_schema_arguments(parser: argparse.ArgumentParser) -> None:
@@ -72,6 +124,7 @@ def add_schema_arguments(parser: argparse.ArgumentParser) -> None:
         help="write the schema of all files there, and print the settings of Visual Studio Code; "
         "default: .vscode/framekit.schema.json",
     )  # fmt: skip
+    add(parser, "--json", help="with -o: print the name of the file as JSON; schemas are JSON anyway")
 
 
 def run_schema(arguments: argparse.Namespace) -> int:
@@ -91,7 +144,10 @@ def run_schema(arguments: argparse.Namespace) -> int:
     except OSError as error:
         raise VerbError(why_not(error, place)) from None
     if arguments.vscode is None:
-        print(near(str(place)))
+        if arguments.json:
+            print_json({"written": near(str(place))})
+        else:
+            print(near(str(place)))
     else:
         print_json(settings_of_vscode(place))
     return 0

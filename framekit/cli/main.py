@@ -19,19 +19,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Sequence
 
-READS_ITSELF = (
-    "check",
-    "test",
-    "edit",
-    "completion",
-    "record",
-    "loopback",
-    "points",
-    "history",
-    "new",
-    "import",
-    "schema",
-)
+READS_ITSELF = ("check", "test", "edit", "completion", "record", "loopback", "history", "new", "import", "schema")
 """Verbs that read definitions as they are written, or none: they do not use the cache."""
 
 OUTPUT_CLOSED = 141
@@ -127,8 +115,11 @@ def _main(words: list[str]) -> int:
 def _verb(words: list[str]) -> int:
     """Parse the words of a verb, run it, and print its errors."""
     from framekit.cli.common import VerbError, tell_error, tell_problems
-    from framekit.cli.parser import VERBS, build_parser, parse
+    from framekit.cli.parser import build_parser, parse
+    from framekit.cli.verb_table import VERBS
 
+    if words and words[0] == "help":
+        words = [*words[1:2], "--help"]
     parser = build_parser(words[0] if words and words[0] in VERBS else "")
     for one in (parser, *parser.verbs.values()):
         one.tells_json, one.words = "--json" in words, words

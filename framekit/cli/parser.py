@@ -12,43 +12,13 @@ from typing import Any, NoReturn
 
 from framekit import __version__
 from framekit.cli.common import WordsError, print_error_data
+from framekit.cli.verb_table import EXAMPLES, VERBS, examples_text, overview
 from framekit.definition import PATH_VARIABLE, ROOT_VARIABLE
-
-VERBS = {
-    "demo": "show for half a minute a simulated device, its values and its frames",
-    "check": "check definitions and run files",
-    "encode": "make the bytes of a frame",
-    "decode": "tell which frame some bytes are, and its fields",
-    "frames": "list protocols, frames and fields",
-    "generate": "write stand-alone code from a definition",
-    "test": "run the vectors beside a definition",
-    "edit": "edit definitions and run files on a page that shows what they mean",
-    "read": "read values of a device",
-    "write": "write values into a device",
-    "call": "run another service of a device",
-    "commreq": "explain or carry out command blocks",
-    "run": "carry out a run file",
-    "fleet": "list the runs that tell a broker how they are, and roll run files out",
-    "serve": "answer requests on a port, with memory",
-    "monitor": "listen to a line between others",
-    "record": "record the bytes of a line of which nothing is known, or find its speed and format",
-    "guess": "say what can be said of an unknown line",
-    "diff": "tell which fields differ between two recordings",
-    "replay": "send the bytes of a capture again",
-    "loopback": "test a port that is wired back to itself",
-    "points": "make points of a register list",
-    "history": "show the values that a run has kept",
-    "new": "lay out a protocol of your own",
-    "import": "make a definition of another program's protocol file",
-    "schema": "print the schemas of files, and the settings of an editor",
-    "completion": "print a shell's completion script",
-}
 
 TOGETHER = {
     "device_verbs": ("read", "write", "call"),
     "file_verbs": ("new", "import", "schema"),
     "definition_verbs": ("check", "test", "encode", "frames", "generate"),
-    "points_verbs": ("points", "history"),
     "guess_verb": ("guess", "diff"),
     "line_verbs": ("monitor", "replay", "loopback"),
 }
@@ -71,6 +41,10 @@ class HelpText(argparse.HelpFormatter):
 
     def __init__(self, prog: str) -> None:
         super().__init__(prog, width=_columns() - 2)
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        """Wrap a paragraph; lines of examples stay as they are."""
+        return text if "\n" in text else super()._fill_text(text, width, indent)
 
 
 def _columns() -> int:
@@ -95,9 +69,25 @@ class Parser(argparse.ArgumentParser):
         """Print errors as JSON objects too."""
         self.words: Sequence[str] = ()
         """The words of the command line."""
+        self.verb = ""
+        """The verb that the parser is for; empty for the parser of the whole command line."""
+
+    def format_help(self) -> str:
+        """Return the help text; that of the whole command line lists the verbs by groups."""
+        if self.verb:
+            return super().format_help()
+        formatter = self._get_formatter()
+        formatter.add_usage(self.usage, self._actions, self._mutually_exclusive_groups)
+        formatter.add_text(self.description)
+        formatter.start_section(self._optionals.title)
+        formatter.add_arguments(self._optionals._group_actions)
+        formatter.end_section()
+        return f"{formatter.format_help()}\n{overview()}"
 
     def error(self, message: str) -> NoReturn:
         """Print an error message and end with status 2."""
+        from framekit.cli.other_words import VERBS_MEANT
+
         is_missing = message.startswith("the following arguments are required")
         for pattern, own_words in _MESSAGES:
             message = re.sub(pattern, own_words, message)
@@ -105,7 +95,7 @@ class Parser(argparse.ArgumentParser):
             message = "; ".join([*unknown, message])
         match = re.search(_CHOICE, message)
         if (verb := re.match(_NO_VERB, message)) is not None:
-            near = _near(verb["word"], list(VERBS))
+            near = VERBS_MEANT.get(verb["word"]) or _near(verb["word"], list(VERBS))
             message = f"there is no verb '{verb['word']}' – {near or 'framekit --help lists the verbs'}"
         elif match is not None:
             near = _near(match["word"], re.findall(r"[^\s',]+", match["choices"]))
@@ -129,26 +119,26 @@ class Parser(argparse.ArgumentParser):
 
     def _unknown(self, words: Sequence[str]) -> list[str]:
         """Return a sentence for each word with the form of an option that this parser does not have."""
+        from framekit.cli.other_words import option_meant
+
         known = [option for action in self._actions for option in action.option_strings]
         messages = []
         for word in words:
             option = word.partition("=")[0]
             if option == "--":
                 break
-            if not re.match(_OPTION, option) or any(one.startswith(option) or one == option[:2] for one in known):
+            if option not in DIGITS and not re.match(_OPTION, option):
                 continue
-            near = _MEANT.get(option) or _near(option, known)
+            if any(one.startswith(option) or one == option[:2] for one in known):
+                continue
+            near = option_meant(self.verb, option) or _near(option, known)
             messages.append(f"there is no option '{option}'" + (f" – {near}" if near else ""))
         return messages
 
 
+DIGITS = ("-0", "-1")
+"""Options of mbpoll that look like numbers; `read` has no negative numbers."""
 _OPTION = r"-[^\s\d.]\S*$"
-_MEANT = {
-    **dict.fromkeys(("--baud", "--baudrate", "-b"), "write --speed"),
-    **dict.fromkeys(("--parity", "--stopbits", "--databits", "--bytesize"), "write --format, such as 8E1"),
-    **dict.fromkeys(("--slave", "--unit", "--unit-id", "--address"), "write --station"),
-}
-"""Options of other programs, and the hint at the option of framekit."""
 
 
 def _near(word: str, known: Sequence[str]) -> str:
@@ -163,7 +153,7 @@ def build_parser(only: str | None = None) -> Parser:
 
     The shorter parsers are made in less time.
     """
-    parser = Parser(prog="framekit", description="Protocols of serial field devices in YAML, and run.")
+    parser = Parser(prog="framekit", description="Protocols of serial field devices, described in YAML and run.")
     parser.add_argument("--version", action="version", version=f"framekit {__version__}")
     parser.add_argument(
         "--path", metavar="FOLDER", action="append", help=f"look for definitions there too, as in {PATH_VARIABLE}"
@@ -173,7 +163,10 @@ def build_parser(only: str | None = None) -> Parser:
     )
     verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True, prog="framekit")
     for verb, about in VERBS.items() if not only else [(only, VERBS[only])]:
-        one = parser.verbs[verb] = verbs.add_parser(verb, help=about, description=about[0].upper() + about[1:] + ".")
+        one = parser.verbs[verb] = verbs.add_parser(
+            verb, help=about, description=about[0].upper() + about[1:] + ".", epilog=examples_text(EXAMPLES[verb])
+        )
+        one.verb = verb
         if only is None or only == verb:
             function_of(verb, f"add_{verb}_arguments")(one)
     return parser
@@ -181,6 +174,8 @@ def build_parser(only: str | None = None) -> Parser:
 
 def parse(parser: Parser, words: Sequence[str]) -> tuple[argparse.Namespace, list[str]]:
     """Return the parsed words, and the words without a meaning. Options may stand between positional arguments."""
+    if words and words[0] == "read" and (digits := [word for word in words if word in DIGITS]):
+        parser.verbs[words[0]].refuse(digits)
     parsed, unknown = parser.parse_known_args(words)
     if unknown and not any(word.startswith("-") for word in unknown):
         return parser.verbs[parsed.verb].parse_known_intermixed_args(words[1:], argparse.Namespace(verb=parsed.verb))

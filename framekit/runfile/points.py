@@ -79,7 +79,7 @@ def _table(path: Path) -> tuple[Entry, ...]:
     start = Position(str(path), 1, 1)
     if "name" not in columns or "address" not in columns:
         what = "the first row does not name the columns name and address"
-        raise DefinitionError([Problem(start, what, "write name,address,type,scale,unit, or framekit points import")])
+        raise DefinitionError([Problem(start, what, "write name,address,type,scale,unit, or framekit import")])
     if doubled is not None:
         raise DefinitionError([Problem(start, f"there are two columns '{doubled}'", "take one of them out")])
     entries = []

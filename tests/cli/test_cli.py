@@ -22,7 +22,7 @@ from framekit.cli.common import near
 from framekit.cli.completion_verb import SHELLS
 from framekit.cli.definition_verbs import fields_given
 from framekit.cli.main import main
-from framekit.cli.parser import VERBS
+from framekit.cli.verb_table import VERBS
 from framekit.codec.codec import compile_protocol
 from framekit.codec.plain import PlainValues
 from framekit.definition.load.protocol import load_protocol

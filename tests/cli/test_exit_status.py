@@ -14,7 +14,7 @@ import pytest
 
 from framekit.cli.common import PortError, VerbError, WordsError
 from framekit.cli.main import main
-from framekit.cli.parser import VERBS
+from framekit.cli.verb_table import VERBS
 
 PAGE = Path(__file__).parents[2] / "docs" / "cli.md"
 
@@ -37,6 +37,7 @@ GONE = "tcp://127.0.0.1:1"
 DEVICE = ["modbus-tcp", "--port", "sim:m.device.yaml", "--station", "1"]
 NO_DEVICE = ["modbus-tcp", "--port", GONE, "--station", "1"]
 CASES: dict[tuple[str, int], list[str]] = {
+    ("demo", 2): ["--slow"],
     ("check", 1): ["bad.yaml"],
     ("check", 2): ["none.yaml"],
     ("encode", 1): ["bad.yaml", "one"],
@@ -85,8 +86,6 @@ CASES: dict[tuple[str, int], list[str]] = {
     ("replay", 3): ["seen.jsonl", "--port", GONE],
     ("loopback", 1): [GONE, "--speeds", "9600"],
     ("loopback", 2): ["sim:loop", "--speeds", "x"],
-    ("points", 1): ["import", "names.csv"],
-    ("points", 2): ["import", "names.csv", "--address", "M1"],
     ("history", 1): ["bad.run.yaml"],
     ("history", 2): ["none.run.yaml"],
     ("new", 1): ["protocol", "own", "-o", "hex.txt/own"],

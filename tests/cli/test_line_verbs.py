@@ -90,7 +90,7 @@ def test_what_decode_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert main(["decode", "--capture", str(tmp_path / "x"), "modbus-rtu"]) == 1
     assert "no pcap file" in capsys.readouterr().err
     path = captured(tmp_path / "x.pcap", ("in", ASK))
-    assert main(["decode", "--capture", str(path), "modbus-rtu", "--set", "wings=2"]) == 2
+    assert main(["decode", "--capture", str(path), "modbus-rtu", "--param", "wings=2"]) == 2
     assert "no such parameter" in capsys.readouterr().err
     path.write_bytes(path.read_bytes()[:-13])
     assert main(["decode", "--capture", str(path), "modbus-rtu"]) == 0

@@ -104,7 +104,7 @@ def test_a_run_tells_no_secret(capsys: pytest.CaptureFixture[str], tmp_path: Pat
     found = next(path for path in tmp_path.glob(f"wire*.{form}"))
     for more in ([], ["--json"]):
         status, out = call(
-            capsys, "decode", str(tmp_path / "sealed.yaml"), "--capture", str(found), "--set", f"k={KEY.hex()}", *more
+            capsys, "decode", str(tmp_path / "sealed.yaml"), "--capture", str(found), "--param", f"k={KEY.hex()}", *more
         )
         assert "ask" in out
         said += out
@@ -128,5 +128,5 @@ def test_a_key_that_does_not_fit_is_not_shown(capsys: pytest.CaptureFixture[str]
     (tmp_path / "one.run.yaml").write_text(RUN.format(key=f'"{wrong}"', word=PASSWORD))
     status, out = call(capsys, "run", str(tmp_path / "one.run.yaml"), "--virtual", "--for", "1s")
     assert status == 1 and "'k'" in out and KEY.hex()[:20] not in out.replace(" ", "").lower()
-    status, out = call(capsys, "decode", str(tmp_path / "sealed.yaml"), "51", "--set", f"k={wrong}")
+    status, out = call(capsys, "decode", str(tmp_path / "sealed.yaml"), "51", "--param", f"k={wrong}")
     assert status != 0 and KEY.hex()[:20] not in out.replace(" ", "").lower()

@@ -40,7 +40,8 @@ def test_a_decoded_frame_needs_few_modules(tmp_path: Path) -> None:
     assert not found & SLOW
     assert {name for name in found if name.startswith("framekit")} == {
         "framekit", "framekit.cli", "framekit.cli.common", "framekit.cli.decode_verb", "framekit.cli.main",
-        "framekit.cli.parser", "framekit.cli.terminal", "framekit.codec", "framekit.codec.cache",
+        "framekit.cli.parser", "framekit.cli.terminal", "framekit.cli.verb_table", "framekit.codec",
+        "framekit.codec.cache",
         "framekit.codec.errors", "framekit.codec.functions", "framekit.codec.shown", "framekit.definition",
         "framekit.definition.brought", "framekit.definition.installed", "framekit.definition.problems",
         "framekit.definition.sources",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,7 @@ import yaml
 
 from framekit.api.points import points_text, read_vendor_table
 from framekit.api.run import VirtualRun
-from framekit.cli import points_verbs
+from framekit.cli import history_verb
 from framekit.cli.main import main
 from framekit.definition.problems import DefinitionError
 from framekit.runfile.points import load_points
@@ -72,12 +73,16 @@ def test_what_is_no_list_is_told(tmp_path: Path, text: str) -> None:
 def test_the_verb_says_what_it_did(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, output = tmp_path / "list.csv", tmp_path / "meter.points.yaml"
     path.write_text(SEMICOLONS, "utf-8")
-    assert main(["points", "import", str(path), "--address", "%MW{}", "-o", str(output)]) == 0
+    assert main(["import", str(path), "--address", "%MW{}", "-o", str(output)]) == 0
     told = capsys.readouterr()
-    assert told.out == f"{output}: 5 points, 5 rows left out\n"
-    assert "columns that say nothing of a point: Page" in told.err
+    assert told.out == f"{output} is written – framekit check {output}\n"
+    assert told.err.count(" – left out\n") == 5 and "columns without effect on points: Page" in told.err
     assert yaml.safe_load(output.read_text("utf-8"))["values"]["Limit"]["address"] == "%MW201"
-    assert main(["points", "import", str(path), "--address", "%MW"]) == 2
+    assert main(["import", str(path), "--address", "%MW"]) == 2
+    assert main(["import", str(path), "-o", str(output), "--strict", "--json"]) == 1
+    assert json.loads(capsys.readouterr().out)["written"] == str(output)
+    (tmp_path / "x.ksy").write_text("meta: {id: x}\n", "utf-8")
+    assert main(["import", str(tmp_path / "x.ksy"), "--add", "1"]) == 2
     assert main(["check", str(output)]) == 0
 
 
@@ -120,7 +125,7 @@ def test_a_history_is_printed(
     assert len(capsys.readouterr().out.splitlines()) == 1
     assert main(["history", str(path), "--since", "soon"]) == 2
     capsys.readouterr()
-    monkeypatch.setattr(points_verbs, "PAGE", 1)
+    monkeypatch.setattr(history_verb, "PAGE", 1)
     assert main(["history", str(path)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("time                      point        value  unit")

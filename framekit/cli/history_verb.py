@@ -1,4 +1,4 @@
-"""`framekit points` and `framekit history`: register lists as points, and the values that runs have kept."""
+"""`framekit history`: the values that runs have kept."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from itertools import chain, islice
 from pathlib import Path
 
-from framekit.cli.common import VerbError, WordsError, in_words, time_of
+from framekit.cli.common import WordsError, add, in_words, print_json, time_of
 from framekit.definition.problems import printable
 
 FURTHEST = (1 << 63) - 1
@@ -21,44 +21,6 @@ PAGE = 1_000
 """Number of values of a history in memory at once."""
 
 
-def add_points_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("what", choices=("import",), help="import: a register list (CSV) becomes a points file")
-    parser.add_argument("file", metavar="FILE.csv", type=Path, help="the list; its first row names the columns")
-    parser.add_argument(
-        "--address", metavar="FORM", default="{}", help="how a register is written, {} stands for its number: %%MW{}"
-    )
-    parser.add_argument("--add", metavar="N", type=int, default=0, help="added to each number: 40001 for those from 0")
-    parser.add_argument(
-        "--order", choices=("ABCD", "BADC", "CDAB", "DCBA"), help="order of the bytes of longer numbers"
-    )
-    parser.add_argument("-o", "--output", metavar="FILE", type=Path, help="where to write it; default: standard output")
-
-
-def run_points(arguments: argparse.Namespace) -> int:
-    from framekit.api.points import points_text, read_vendor_table
-
-    if "{}" not in arguments.address:
-        raise WordsError(f"--address: '{arguments.address}' has no {{}} for the number of the register")
-    found = read_vendor_table(arguments.file, arguments.address, arguments.add, arguments.order)
-    for problem in found.problems:
-        print(f"{problem} – left out", file=sys.stderr)
-    if found.unused:
-        print(f"columns that say nothing of a point: {', '.join(found.unused)}", file=sys.stderr)
-    if not found.points:
-        raise VerbError(f"{arguments.file} has no row that can be read")
-    name = arguments.file.stem if arguments.output is None else arguments.output.name.partition(".")[0]
-    text = points_text(found, name, f"framekit points import {arguments.file.name}")
-    if arguments.output is None:
-        print(text, end="")
-        return 0
-    try:
-        arguments.output.write_text(text, "utf-8")
-    except OSError as error:
-        raise VerbError(f"{arguments.output} cannot be written: {error.strerror}") from None
-    print(f"{arguments.output}: {len(found.points)} points, {len(found.problems)} rows left out")
-    return 0
-
-
 def add_history_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("run", metavar="RUN.yaml", type=Path, help="the run, or the file of its sqlite sink")
     parser.add_argument(
@@ -66,7 +28,9 @@ def add_history_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--since", metavar="TIME", help="from then on: 1h for an hour ago, or 2026-03-01T12:00")
     parser.add_argument("--until", metavar="TIME", help="up to then")
-    parser.add_argument("--csv", action="store_true", help="as comma-separated values")
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument("--csv", action="store_true", help="as comma-separated values")
+    add(form, "--json", help="print JSON instead of text: an object for each value")
 
 
 def run_history(arguments: argparse.Namespace) -> int:
@@ -79,10 +43,13 @@ def run_history(arguments: argparse.Namespace) -> int:
     )
     head = ("time", "point", "value", "unit", "quality", "reason")
     with in_words():
-        rows = (
-            (iso_time(row.time), row.point, _shown(row.value), row.unit, row.quality, row.reason)
-            for row in history_of(arguments.run, arguments.point or ["*"], since, until)
-        )
+        found = history_of(arguments.run, arguments.point or ["*"], since, until)
+        if arguments.json:
+            for row in found:
+                values = (iso_time(row.time), row.point, row.value, row.unit, row.quality, row.reason)
+                print_json(dict(zip(head, values, strict=True)))
+            return 0
+        rows = ((iso_time(row.time), row.point, _shown(row.value), row.unit, row.quality, row.reason) for row in found)
         first = list(islice(rows, PAGE))  # faults of the history are reported before any output
         if arguments.csv:
             csv.writer(sys.stdout, lineterminator="\n").writerows(chain([head], first, rows))
