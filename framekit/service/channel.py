@@ -172,6 +172,8 @@ class ChannelService:
         """Name of the line that its port leads to."""
         self.is_on = False
         """Whether its port is, or should be, open."""
+        self.waits_for_line = False
+        """Whether its port is opened when no other port on the line is closing any more."""
         self.state = "closed"
         if channel.wiring.reconnect is not None:
             self.driver.longest_retry = channel.wiring.reconnect
@@ -413,9 +415,11 @@ class RunChannels:
         The channel waits for the late replies that earlier channels on its line wait for.
         """
         channel = self.channels[number]
+        channel.waits_for_line = True
         self.closing.open(channel.line, channel, channel.driver.port, partial(self._start, channel))
 
     def _start(self, channel: ChannelService) -> None:
+        channel.waits_for_line = False
         if channel.channel.asks and not channel.is_on:
             self.requests.enter(channel.line, channel.engine, self._clock.now())
         channel.start()
@@ -433,6 +437,7 @@ class RunChannels:
     def _closed(self, number: int, close: Callable[[], None]) -> None:
         channel = self.channels[number]
         self.closing.cancel(channel.line, channel)
+        channel.waits_for_line = False
         close()
         if channel.channel.asks:
             self.requests.leave(channel.line, channel.engine, self._clock.now())

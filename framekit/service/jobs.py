@@ -347,7 +347,10 @@ class JobService:
         self._wake()
 
     def _join(self, attempt: Attempt, number: int | None, reason: str) -> None:
-        """Continue a job with its channel, unless the job has ended meanwhile."""
+        """Continue a job with its channel, unless the job has ended meanwhile.
+
+        A job waits, up to its time limit, for a channel that opens, or whose line another port still closes.
+        """
         if not self.table.awaits(attempt):
             return
         channel = None if number is None else self.channels.get(number)
@@ -360,7 +363,7 @@ class JobService:
             self._wake()
             return
         self._waiting.setdefault(number, []).append(attempt)
-        if not channel.driver.hurry():
+        if not (channel.waits_for_line or channel.driver.hurry()):
             self._waiting[number] = [one for one in self._waiting[number] if one is not attempt]
             self._no_way(attempt, "not_connected")
 

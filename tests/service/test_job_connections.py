@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import cast
 
 import pytest
 from job_bench import Bench, bench, write_device
@@ -11,6 +13,11 @@ from framekit.api.run import run_status
 from framekit.definition.problems import DefinitionError
 from framekit.runfile.run_file import load_run
 from framekit.service.jobs import FIRST_OPENED
+from framekit.service.run import RunService
+from framekit.transport.clock import VirtualClock
+from framekit.transport.port import Port
+
+SECOND = 1_000_000_000
 
 HEAD = """
 run: opened
@@ -139,3 +146,42 @@ def test_a_host_of_the_opened_channel_is_the_jobs(tmp_path: Path) -> None:
     text = HEAD.format(more="").replace("station: 1}", "station: 1, host: 3.0.0.2}")
     with pytest.raises(DefinitionError, match="the host is the one that a job names"):
         bench(tmp_path, text + job(1, "3.0.0.2"))
+
+
+class ClosingPort:
+    """A port of another channel on the line, whose modem hangs up."""
+
+    name = "closing"
+
+    def when_closed(self, done: Callable[[], None]) -> None:
+        self.done = done
+
+
+@pytest.mark.parametrize("is_freed", [True, False])
+def test_a_job_waits_for_its_line_up_to_its_time_limit(is_freed: bool, tmp_path: Path) -> None:
+    """A modem hangs up on the line of the channel: the job was refused at once as not connected."""
+    write_device(tmp_path, "far", "21, 22")
+    channel = 'channels: {1: {port: "sim:far.device.yaml", protocol: modbus-tcp, station: 1, host: 3.0.0.2}}'
+    text = HEAD.format(more="").replace("jobs:", f"{channel}\njobs:") + job(1, "3.0.0.2", once="yes", every="10 s")
+    path = tmp_path / "r.run.yaml"
+    path.write_text(text, encoding="utf-8")
+    clock = VirtualClock()
+    service = RunService(load_run(path), clock)
+    port = ClosingPort()
+    service.lines.closing.add(service.channels[1].line, cast(Port, port))
+    service.start()
+    clock.run_for(2 * SECOND)
+    assert service.jobs is not None
+    slot = service.jobs.table.slots[1]
+
+    def words(first: int) -> list[int]:
+        return list(service.memory.read("D", "word", first, 1))
+
+    assert slot.active and words(1) == [0], "no answer yet"
+    if is_freed:
+        port.done()
+        clock.run_for(SECOND)
+        assert words(1) == [1] and words(101) == [21]
+    else:
+        clock.run_for(120 * SECOND)
+        assert slot.counters.good == 0 and words(1) != [0], "its time limit"

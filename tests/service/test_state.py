@@ -194,7 +194,7 @@ def test_killed_again_and_again(tmp_path: Path) -> None:
     (tmp_path / "one.device.yaml").write_text(DEVICE, encoding="utf-8")
     often = RUN.replace("plant.state", "{file: plant.state, every: 100 ms}").replace("every: 1 s", "every: 20 ms")
     (tmp_path / "plant.run.yaml").write_text(often, encoding="utf-8")
-    command = [sys.executable, "-m", "framekit", "run", str(tmp_path / "plant.run.yaml")]
+    command = [sys.executable, "-m", "framekit", "run", "--frames", str(tmp_path / "plant.run.yaml")]
     last = 0
     for turn in range(2):
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
