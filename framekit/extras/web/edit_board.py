@@ -64,6 +64,7 @@ class EditSession:
             "hex": self._decode,
             "form": self._form,
             "build": self._build,
+            "cell": self._cell,
             "save": self._save,
         }
 
@@ -159,6 +160,21 @@ class EditSession:
             raise ValueError("this is no message")
         given = {"protocol": _protocol(told), "frame": plain_text(frame), "rows": rows}
         return await self._asked({"build": frame}, "build", given)
+
+    async def _cell(self, text: Any, told: Told) -> Message:
+        """Return the edits of a text for a change in a table, or for the removal of a row."""
+        where, number = told.get("where"), whole_number(told.get("number"))
+        if not isinstance(where, list) or not 0 < len(where) <= 3 or self._file is None:
+            raise ValueError("this is no message")
+        given: Message = {"where": [plain_text(step) for step in where], "row": plain_text(told.get("row"))}
+        remove = told.get("remove") is True
+        if not remove:
+            given |= {name: plain_text(told.get(name)) for name in ("key", "old", "value")}
+        head = {"cell": number}
+        if not self.visitor.may:
+            return {**head, "why": "only with the token"}
+        self._text = _text(text)
+        return await self._asked(head, "remove" if remove else "change", given, quick=True)
 
     async def _asked(self, head: Message, do: str, given: Message, quick: bool = False) -> Message:
         """Return the answer of a process about the text of this session after a head, or why there is no answer."""

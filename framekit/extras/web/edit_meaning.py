@@ -28,6 +28,7 @@ from framekit.definition.nodes import read_nodes
 from framekit.definition.problems import DefinitionError, Problem
 from framekit.definition.schema import kind_of
 from framekit.extras.web.edit_states import states_svg
+from framekit.extras.web.edit_table import tables
 from framekit.link.events import Seen
 from framekit.link.scope import Scope
 from framekit.runfile.devices import load_devices
@@ -48,13 +49,14 @@ MOST_ROWS = 500
 
 
 def look(path: Path) -> Answer:
-    """Return the problems of a file and, if its protocols can be loaded, their frames."""
+    """Return the problems of a file, its tables and, if its protocols can be loaded, their frames and sequences."""
     checked = check_file(str(path))
     return {
         "what": checked.what,
         "kind": kind(path),
         "problems": [_problem(one, path) for one in checked.problems],
         "protocols": _drawn(path),
+        "tables": tables(path),
     }
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from framekit.definition.sources import edited_texts
-from framekit.extras.web import edit_complete, edit_meaning
+from framekit.extras.web import edit_complete, edit_meaning, edit_table
 
 Work = Callable[..., dict[str, Any]]
 
@@ -21,6 +21,8 @@ WORK: Mapping[str, Work] = {
     "decode": edit_meaning.decode,
     "form": edit_meaning.form,
     "build": edit_meaning.build,
+    "change": edit_table.change,
+    "remove": edit_table.remove,
 }
 """The function for each request. Its first argument is the path of the file; others are of the request."""
 ALARM = 60

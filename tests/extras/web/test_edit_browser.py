@@ -139,6 +139,48 @@ def test_words_are_completed_and_the_file_is_saved(tmp_path: Path) -> None:
         page.run("window.onbeforeunload = null; document.querySelector('#save').click()")
 
 
+PLANT = """# the plant
+run: plant
+memory: masterlogic
+channels:
+  1: {port: "sim:meter.device.yaml", protocol: modbus-rtu, station: 1}
+blocks:
+  # the levels
+  0: {read: "40001", count: 2, into: MW0, every: 1 s}   # two words
+  1: {write: "40010", station: 2, from: MW20, when: MW10.2}
+points:
+  level: {channel: 1, address: "40001", unit: mm}   # of the tank
+"""
+
+
+@needs_chromium
+def test_a_table_writes_yaml_and_keeps_comments(tmp_path: Path) -> None:
+    (tmp_path / "hall").mkdir()
+    path = written(tmp_path / "hall", PLANT, "plant.run.yaml")
+    written(tmp_path / "hall", "device: meter\nprotocol: modbus-rtu\nstation: 1\n", "meter.device.yaml")
+    with editor(tmp_path, str(path)) as page:
+        page.until(lambda: page.text("#may") == "May edit and save" and page.text("#table h2") == "Blocks")
+        page.until(lambda: page.run("return document.querySelectorAll('#table tbody')[0].rows.length") == 3)
+        picture(page, "edit-run.png")
+        size = "[aria-label='Size of 0']"
+        page.type(size, "4" + keys.TAB)
+        page.until(lambda: text(page) == PLANT.replace("count: 2", "count: 4"))
+        page.type("[aria-label='Kind and address of the new row']", "40020" + keys.ENTER)
+        page.until(lambda: "  2: {read: 40020}\n" in text(page))
+        page.until(lambda: page.run("return document.querySelector(\"[aria-label='Own address of 2']\")"))
+        page.type("[aria-label='Own address of 2']", "%MW30" + keys.TAB)
+        page.until(lambda: '  2: {read: 40020, into: "%MW30"}\n' in text(page))
+        page.until(lambda: page.text("#problems li").startswith("Line"))
+        page.click("[aria-label='remove 1']")
+        page.until(lambda: "  1: {write" not in text(page))
+        type_in(page, keys.CONTROL, "z")
+        page.until(lambda: "  1: {write" in text(page))
+        page.click("#save")
+        page.until(lambda: path.read_text("utf-8") == text(page))
+        assert all(comment in text(page) for comment in ("# the plant", "# the levels", "# two words", "# of the tank"))
+        assert page.errors() == []
+
+
 @needs_chromium
 def test_without_the_token_the_text_is_read_only_and_nothing_is_saved(tmp_path: Path) -> None:
     path = written(tmp_path)

@@ -152,9 +152,26 @@ def test_without_the_token_only_the_file_itself_is_examined(tmp_path: Path) -> N
     assert path.read_text("utf-8") == LAMP
 
 
+def test_words_and_cells_are_for_those_with_the_token(tmp_path: Path) -> None:
+    text = "run: a\nblocks: {0: {read: M1}}\n"
+    written(tmp_path, text, "a.run.yaml")
+    words = {"complete": "run: a\nblo", "offset": 10, "file": "a.run.yaml"}
+    cell = {"cell": text, "number": 1, "where": ["blocks"], "row": "0", "key": "read", "old": "read", "value": "M2"}
+    row = {"cell": text, "number": 2, "where": ["blocks"], "row": "7", "remove": True}
+    _, offered, changed, removed = told(session_of(tmp_path), {"open": "a.run.yaml"}, words, cell, row)
+    assert (offered["from"], offered["words"][0][0]) == (7, "blocks")
+    ((begin, end, inserted),) = changed["edits"]
+    assert (text[begin:end], inserted) == ("M1", "M2")
+    assert removed == {"cell": 2, "why": "the table has no row '7'"}
+    _, offered, changed = told(session_of(tmp_path, token="another"), {"open": "a.run.yaml"}, words, cell)
+    assert offered["words"] == [] and changed == {"cell": 1, "why": "only with the token"}
+
+
 @pytest.mark.parametrize(
     "message",
     [
+        {"cell": "", "number": 1, "where": "blocks", "row": "0"}, {"cell": "", "number": 1, "where": [], "row": "0"},
+        {"complete": LAMP, "offset": -1, "file": "lamp.yaml"}, {"complete": LAMP, "offset": 1, "file": "a.yaml"},
         {"open": 5}, {"open": "x" * 301}, {"text": 5, "file": "lamp.yaml", "number": 1}, {"hex": "00" * 50_000},
         {"text": LAMP, "file": "other.yaml", "number": 1}, {"text": "#" * (LARGEST_TEXT + 1), "number": 1},
         {"build": "SWITCH", "protocol": "lamp", "rows": [[["a"], 5]]}, {"build": "SWITCH", "rows": [[[], "1"]]},

@@ -1,5 +1,6 @@
 // The page of the editor: the text goes to the server when the user pauses; its problems and its meaning come back.
 import { Form, showFrames, showReadings, showSequences } from "./edit_bytes.js";
+import { Tables } from "./edit_table.js";
 import { TextField } from "./edit_text.js";
 import { Live, at } from "./live.js";
 import { element } from "./parts.js";
@@ -7,13 +8,14 @@ import { element } from "./parts.js";
 const PAUSE = 300;
 const TABS = [["frames", "Frames"], ["build", "Build"], ["sequences", "Sequences"]];
 
-const live = new Live({ hello, opened, checked, decoded: showReadings, form: what => form.fill(what), build: built, words: offered, done: saved },
+const live = new Live({ hello, opened, checked, decoded: showReadings, form: what => form.fill(what), build: built, words: offered, cell: edited, done: saved },
   "edit and save", { opened: () => {}, allowed });
 const text = new TextField(at("editor"), { changed, words: (content, offset) => askWords(content, offset), save });
 const form = new Form(at("build"), (frame, inside) => live.say({ form: frame, inside, protocol: protocol() }),
   (frame, rows) => live.say({ build: frame, rows, protocol: protocol() }));
+const tables = new Tables(at("table"), change => askEdits(change), line => text.goTo(line));
 const kept = new Map();
-let file = "", digest = "", number = 0, waiting = 0, isOut = false, isStale = false, drawn = "", protocols = [];
+let file = "", digest = "", number = 0, waiting = 0, isOut = false, isStale = false, drawn = "", protocols = [], rows = [], edit = { number: 0, text: "" };
 
 for (const [id, name] of TABS) {
   const tab = Object.assign(element("button", at("tabs")), { textContent: name, type: "button" });
@@ -75,6 +77,7 @@ addEventListener("beforeunload", event => { keep(); if (kept.size) event.prevent
 
 function allowed(yes) {
   text.area.readOnly = !yes;
+  tables.show(rows, yes);
   unsaved();
 }
 
@@ -124,6 +127,8 @@ function checked(what) {
   at("what").textContent = what.what;
   showProblems(what.problems);
   text.mark(what.problems.filter(one => one[0]).map(([line, column, words, todo, warning]) => [line, column, todo ? `${words} – ${todo}` : words, warning]));
+  rows = what.tables;
+  tables.show(rows, live.may);
   at("meaning").classList.toggle("old", what.protocols === null && drawn === file);
   if (what.protocols || drawn !== file) draw(what.protocols);
   decode();
@@ -195,6 +200,22 @@ function askWords(content, offset) {
 
 function offered({ offset, from, words }) {
   text.offer(offset, from, words);
+}
+
+// ---- tables ------------------------------------------------------------------------------------------------------
+
+function askEdits(change) {
+  edit = { number: edit.number + 1, text: text.text };
+  live.say({ cell: edit.text, number: edit.number, ...change });
+}
+
+function edited({ cell, why, edits = [] }) {
+  if (cell !== edit.number) return;
+  const focused = document.activeElement, isNew = text.text !== edit.text;
+  live.tell(why ? `Not changed: ${why}` : isNew ? "Not changed: the text has changed meanwhile" : "");
+  if (isNew || why) return;
+  for (const [from, to, inserted] of edits.sort((one, two) => two[0] - one[0])) text.replace(from, to, inserted);
+  focused?.focus();
 }
 
 live.connect();
