@@ -114,7 +114,8 @@ class FileWatch:
     """Loads the run of `path` again when its content has changed, or when `look_now` is called.
 
     `changed` gets the run; its DefinitionError or ValueError, and problems of the file, are passed to `refused`. Each
-    content is tried once, and is then `tried`; `known` is the content that the run began with.
+    content is tried once, and is then `tried`; `known` is the content that the run began with. `missing` gets the
+    reason when the file cannot be read any more, and '' when it can be read again.
     """
 
     def __init__(
@@ -123,8 +124,11 @@ class FileWatch:
         known: bytes | None,
         changed: Callable[[RunModel], None],
         refused: Callable[[ValueError], None],
+        missing: Callable[[str], None] = lambda reason: None,
     ) -> None:
         self.path = path
+        self.missing = missing
+        self._is_missing = False
         self.changed = changed
         self.refused = refused
         self._asked = asyncio.Event()
@@ -145,6 +149,9 @@ class FileWatch:
                 asked = False
             content = await asyncio.to_thread(content_of, self.path)
             settled, self._seen = content == self._seen, content
+            if settled and (content is None) != self._is_missing:
+                self._is_missing = content is None
+                self.missing(await asyncio.to_thread(why_unreadable, self.path) if content is None else "")
             if asked or (settled and content is not None and content != self.tried):
                 self.tried = content
                 await self._load()
@@ -162,6 +169,15 @@ def content_of(path: Path) -> bytes | None:
         return path.read_bytes()
     except OSError:
         return None
+
+
+def why_unreadable(path: Path) -> str:
+    """Return the reason why a file cannot be read; '' if it can."""
+    try:
+        path.read_bytes()
+    except OSError as error:
+        return error.strerror or str(error)
+    return ""
 
 
 def reasons(error: ValueError) -> list[str]:

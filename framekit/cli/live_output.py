@@ -12,6 +12,7 @@ import codecs
 import io
 import os
 import select
+import signal
 import sys
 import threading
 import time
@@ -20,7 +21,16 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING, Any, Protocol, TextIO
 
-from framekit.cli.common import OUTPUT, OUTPUT_HELP, VerbError, json_line, on_stop, print_trouble, until_stopped
+from framekit.cli.common import (
+    OUTPUT,
+    OUTPUT_HELP,
+    VerbError,
+    json_line,
+    on_signal,
+    on_stop,
+    print_trouble,
+    until_stopped,
+)
 from framekit.cli.terminal import GuardedTerminal, harmless, unguarded
 from framekit.definition.problems import plural
 
@@ -408,14 +418,20 @@ class LiveOutput:
         """Return whether the reader of standard output has gone."""
         return self.output.gone
 
-    def on_stop(self, stop: Callable[[], object]) -> None:
-        """Make the running loop call `stop` at each signal that asks the verb to stop."""
+    def on_stop(self, stop: Callable[[], object], *, at_hangup: bool = True) -> None:
+        """Make the running loop call `stop` at each signal that asks the verb to stop.
+
+        `at_hangup`: also at SIGHUP, unless the verb was started with SIGHUP ignored (nohup).
+        """
 
         def has_stopped() -> None:
             self.is_stopped = True
             stop()
 
         on_stop(has_stopped)
+        hangup = getattr(signal, "SIGHUP", None)
+        if at_hangup and hangup is not None and signal.getsignal(hangup) != signal.SIG_IGN:
+            on_signal("SIGHUP", has_stopped)
 
     @contextmanager
     def until_stopped(self) -> Iterator[None]:

@@ -210,6 +210,9 @@ FRAMES = ("frame", "bad", "noise", "not_taken", "break")
 """Kinds of events that only `--frames` shows."""
 
 
+GOES_ON = "the run goes on as before"
+
+
 class RunOutput:
     """Watches a run, which is `at_work` once it has been made with this output as its monitor.
 
@@ -381,7 +384,7 @@ class TextOutput(RunOutput):
 
     def refused(self, reasons: list[str]) -> None:
         super().refused(reasons)
-        print("edit refused, the run goes on as before", flush=True)
+        self.warning(f"edit refused – {GOES_ON}")
 
     def summary(self, run: RunCalls) -> None:
         self.catch_up()

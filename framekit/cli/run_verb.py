@@ -226,7 +226,7 @@ class RealRun:
 
     async def carry_out(self, loaded: RunModel, duration: int | None) -> Ended:
         """Run until the time is over, or SIGINT or SIGTERM arrives; a second signal ends sessions and hanging up."""
-        self._live.on_stop(self._is_signalled)
+        self._live.on_stop(self._is_signalled, at_hangup=not self._arguments.watch)
         if self._arguments.control:
             self._read_control()
         self._left = duration
@@ -349,6 +349,7 @@ class RealRun:
     async def _watch_file(self, run: RunCalls) -> None:
         """Apply each change of the run file; print a warning for changes that cannot be applied, and go on."""
         from framekit.api.run import FileWatch, reads_only, reasons
+        from framekit.cli.run_output import GOES_ON
 
         output = self._output
 
@@ -362,7 +363,11 @@ class RealRun:
 
             run.edit(reads_only(model) if self._arguments.read_only else model, applied)
 
-        files = FileWatch(*self.began_with, changed, lambda error: output.refused(reasons(error)))
+        def missing(reason: str) -> None:
+            output.catch_up()
+            output.warning(f"{self.path} {f'cannot be read: {reason} – {GOES_ON}' if reason else 'can be read again'}")
+
+        files = FileWatch(*self.began_with, changed, lambda error: output.refused(reasons(error)), missing)
         on_signal("SIGHUP", files.look_now)
         await files.watch()
 

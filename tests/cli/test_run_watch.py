@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import signal
@@ -13,7 +14,10 @@ from typing import Any
 
 import pytest
 
+from framekit.api.run import FileWatch, content_of
+from framekit.api.run import loaded as load_run
 from framekit.cli.main import main
+from framekit.cli.run_output import TextOutput
 
 DEVICE = "device: one\nprotocol: modbus-rtu\nstation: 1\nmemory: {set: {40001: [11, 12]}}\n"
 RUN = """run: watched
@@ -103,6 +107,62 @@ def test_an_edit_that_could_write_is_refused_where_the_run_only_reads(tmp_path: 
     finally:
         run.process.kill()
         run.process.communicate()
+
+
+@pytest.mark.parametrize("options", [("--watch",), ()])
+def test_hanging_up_ends_a_run_that_does_not_watch_its_file(tmp_path: Path, options: tuple[str, ...]) -> None:
+    (tmp_path / "one.device.yaml").write_text(DEVICE, encoding="utf-8")
+    path = tmp_path / "watched.run.yaml"
+    path.write_text(RUN, encoding="utf-8")
+    command = [sys.executable, "-m", "framekit", "run", str(path), "--json", "--frames", *options]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            process.stdout.readline()
+            process.send_signal(signal.SIGHUP)
+            if options:
+                assert any(json.loads(line)["event"] == "edited" for line in process.stdout)
+                process.send_signal(signal.SIGTERM)
+            events = [json.loads(line)["event"] for line in process.stdout]
+            assert process.wait(60) == 0 and "block" in events, "the summary"
+        finally:
+            process.kill()
+
+
+def test_a_missing_file_and_a_refused_edit_are_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The file is gone for two looks, comes back unchanged, and is wrong then."""
+    monkeypatch.setattr("framekit.api.run.INTERVAL", 0.01)
+    path = tmp_path / "a.run.yaml"
+    path.write_text("run: [", encoding="utf-8")
+    events: list[str] = []
+
+    async def watched() -> None:
+        refused = asyncio.Event()
+
+        def missing(reason: str) -> None:
+            events.append(reason)
+            path.write_text(RUN if reason else "run: {", encoding="utf-8")
+
+        def refuse(error: ValueError) -> None:
+            events.append("refused")
+            refused.set()
+
+        known = content_of(path)
+        path.unlink()
+        files = FileWatch(path, known, lambda model: None, refuse, missing)
+        task = asyncio.create_task(files.watch())
+        await asyncio.wait_for(refused.wait(), 60)
+        task.cancel()
+
+    asyncio.run(watched())
+    assert events[:2] == ["No such file or directory", ""] and events[-1] == "refused"
+
+
+def test_the_lines_of_a_refused_edit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "one.device.yaml").write_text(DEVICE, encoding="utf-8")
+    (tmp_path / "a.run.yaml").write_text(RUN, encoding="utf-8")
+    TextOutput(load_run(tmp_path / "a.run.yaml")).refused(["a.run.yaml:3:1: wrong"])
+    assert capsys.readouterr().err == "a.run.yaml:3:1: wrong\nedit refused – the run goes on as before\n"
 
 
 def test_simulated_time_cannot_be_watched(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
