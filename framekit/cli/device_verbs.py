@@ -138,7 +138,8 @@ def failed(arguments: argparse.Namespace, error: FramekitError, settings: Client
 
     kind = error.outcome if isinstance(error, ExchangeError) else _kind_of(error)
     more = {"code": error.code, "meaning": error.meaning} if isinstance(error, RefusedError) else {}
-    is_silent = settings is not None and isinstance(error, NoReplyError) and " – " not in str(error)
+    has_remedy = " – " in str(error) or ": set `" in str(error)
+    is_silent = settings is not None and isinstance(error, NoReplyError) and not has_remedy
     advice = _look_at(settings) if settings is not None and is_silent else ""
     tell_error(arguments, kind, str(error) + (f" – {advice}" if advice else ""), **more)
     if isinstance(error, RequestError):

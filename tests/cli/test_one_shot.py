@@ -6,6 +6,7 @@ import asyncio
 import json
 import os
 import re
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -369,3 +370,11 @@ def test_a_simulated_device_that_cannot_build_its_reply_says_so_where_the_user_l
         with framekit.connect("silent.yaml", device.port, params=quick) as client, pytest.raises(framekit.NoReplyError):
             client.read("R1")
         assert "serving 'ask'" in seen[-1].reason and seen[-1].kind == "trouble"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="the port of pyserial is tried on other systems")
+def test_an_echo_is_reported_without_advice_about_the_station(capsys: pytest.CaptureFixture[str]) -> None:
+    line = ["--port", "loop://", "--station", "1", "--retries", "0", "--timeout", "300 ms"]
+    assert main(["read", "modbus-rtu", *line, "40001"]) == 3
+    told = capsys.readouterr().err
+    assert told == "framekit read: the device did not answer: you hear your own request: set `echo: yes`\n"
