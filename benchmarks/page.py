@@ -1,10 +1,11 @@
-"""What the page costs: `python -m benchmarks.page [SECONDS]`, with chromium and chromium-driver.
+"""Measure the page of a large run: `python -m benchmarks.page [SECONDS]`, with chromium and chromium-driver.
 
-A run with 8 channels of 64 blocks, each carried out once a second on simulated lines, and 2,000 points, each of which
-changes ten times a second, is carried out by a process of its own, whose page a browser shows. Every millisecond of
-processor time it is noted whether that went to the page: to its server, to what it sends, to the log of frames.
-Printed is the processor time of a refresh, and what five of them a second are of a core, which is the same on a machine
-that has other work; and how long the browser takes from a message until what it brought is on the screen.
+A process of its own carries out a run with 8 channels of 64 blocks, each once a second on simulated lines, and 2,000
+points that change ten times a second; a browser shows its page. Every millisecond of processor time a signal notes
+whether the page uses it: its server, its messages, the log of frames. The output for each turn: the processor time of
+a refresh, the share of a core at five refreshes a second (which other work on the machine does not change), the longest
+stop of the loop, the time that the browser takes to draw a message, and the time from the change of a value until the
+browser shows it. Limits of the page: 25 % of a core, 200 ms for a refresh, 300 ms from change to screen.
 """
 
 from __future__ import annotations
@@ -30,8 +31,12 @@ from framekit.extras.web.shown import shown_run
 CHANNELS, BLOCKS, POINTS = 8, 64, 2_000
 TURNS = 3
 CHANGE_EVERY = 0.1
-BEGINNING = 4.0
-"""Seconds that are not counted: everything begins."""
+BEGINNING = 6.0
+"""Seconds at the start that are not measured."""
+TICK = 0.01
+"""Interval in seconds of the task that measures stops of the loop."""
+CLOCK = 30_000
+"""Milliseconds after which the clock in point 0 begins again; the number fits into its word."""
 
 DEVICE = """device: meter
 protocol: modbus-tcp
@@ -39,9 +44,22 @@ station: 1
 memory: {set: {"40001": [1, 2, 3, 4]}}
 """
 
+WATCH = """window.ages = [];
+let before = null;
+const look = () => {
+  const text = document.querySelector("#points .grid tr.row td:nth-child(2)")?.textContent.replace(/[^0-9]/g, "");
+  if (text && text !== before) {
+    if (before !== null) window.ages.push(((Date.now() - Number(text)) % CLOCK + CLOCK) % CLOCK);
+    before = text;
+  }
+  requestAnimationFrame(look);
+};
+look();""".replace("CLOCK", str(CLOCK))
+"""Script of the browser: compare the clock in the first row with the time, at every frame of the screen."""
+
 
 def run_text() -> str:
-    """The run file."""
+    """Return the run file."""
     lines = ["run: large", "memory: masterlogic", "channels:"]
     lines += [
         f'  {number}: {{port: "sim:meter.device.yaml", protocol: modbus-tcp, station: 1}}'
@@ -60,11 +78,11 @@ def run_text() -> str:
     return "\n".join(lines) + "\n"
 
 
-# ---- the process that is measured -----------------------------------------------------------------------------------
+# ---- the measured process -------------------------------------------------------------------------------------------
 
 
 class PageSamples:
-    """Notes, so often of processor time, whether that went to the page."""
+    """Counts of samples of the processor time: all, and those inside the page."""
 
     EVERY = 0.001
     ITS_OWN = ("/framekit/extras/web/", "/uvicorn/", "/websockets/", "/starlette/")
@@ -92,21 +110,20 @@ class PageSamples:
 
 
 async def carry_out(path: Path, seconds: float) -> None:
-    """Carries the run out; says where the page is, and then what was taken in so many seconds."""
+    """Carry the run out; print the address of the page, then the measurement over a number of seconds."""
     log = FrameLog()
     run = AsyncRun(path, monitor=log.add)
     server = WebServer("127.0.0.1", 0, Access())
-    server.begin(WebBoard(shown_run(run, view_of(run, log))))
+    board = WebBoard(shown_run(run, view_of(run, log)))
+    server.begin(board)
     samples = PageSamples()
     async with run:
         changing = asyncio.ensure_future(_change(run))
         print(json.dumps(server.url), flush=True)
-        await asyncio.sleep(BEGINNING)
-        board = server.page.board
-        assert board is not None
+        await asyncio.to_thread(sys.stdin.readline)
         before, frames, used, began = board.values.round, log.last_number, time.process_time(), time.perf_counter()
         samples.begin()
-        await asyncio.sleep(seconds)
+        longest = await _longest_stop(began + seconds)
         samples.end()
         found = {
             "used": time.process_time() - used,
@@ -114,6 +131,7 @@ async def carry_out(path: Path, seconds: float) -> None:
             "page": samples.page / max(1, samples.all),
             "refreshes": board.values.round - before,
             "frames": log.last_number - frames,
+            "stop": longest,
         }
         print(json.dumps(found), flush=True)
         await asyncio.to_thread(sys.stdin.readline)
@@ -121,35 +139,52 @@ async def carry_out(path: Path, seconds: float) -> None:
     await server.end()
 
 
+async def _longest_stop(end: float) -> float:
+    """Return the longest time that a short sleep took too long, until a time."""
+    longest, now = 0.0, time.perf_counter()
+    while now < end:
+        await asyncio.sleep(TICK)
+        before, now = now, time.perf_counter()
+        longest = max(longest, now - before - TICK)
+    return longest
+
+
 async def _change(run: Any) -> None:
-    """Every point changes."""
+    """Change every point at regular intervals; point 0 carries the clock in milliseconds."""
     number, due = 0, time.perf_counter()
     while True:
         number += 1
-        run.memory.write("MW0", [(number * 7 + place) % 1000 for place in range(POINTS)])
+        values = [(number * 7 + place) % 1000 for place in range(POINTS)]
+        values[0] = int(time.time() * 1000) % CLOCK
+        run.memory.write("MW0", values)
         due += CHANGE_EVERY
         await asyncio.sleep(max(0.0, due - time.perf_counter()))
 
 
-# ---- who measures ---------------------------------------------------------------------------------------------------
+# ---- the measurement ------------------------------------------------------------------------------------------------
 
 
 def measured(path: Path, page: Any, seconds: float) -> dict[str, Any]:
-    """One turn, with the browser."""
+    """Return the measurement of one turn with the browser."""
     words = [sys.executable, "-m", "benchmarks.page", "--carry-out", str(path), str(seconds)]
-    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as there:
-        assert there.stdout is not None
-        page.open(json.loads(there.stdout.readline()))
-        found: dict[str, Any] = json.loads(there.stdout.readline())
+    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as measuring:
+        assert measuring.stdout is not None and measuring.stdin is not None
+        page.open(json.loads(measuring.stdout.readline()))
+        time.sleep(BEGINNING)
+        page.run(WATCH)
+        measuring.stdin.write("\n")
+        measuring.stdin.flush()
+        found: dict[str, Any] = json.loads(measuring.stdout.readline())
         drawn = "return [Number(document.body.dataset.mean), Number(document.body.dataset.drawn)]"
         found["mean"], found["most"] = page.run(drawn)
-        there.communicate("\n")
+        found["ages"] = sorted(page.run("return window.ages"))
+        measuring.communicate("\n")
     return found
 
 
 def main(seconds: float) -> None:
     sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-    from web.chromium import browser
+    from extras.web.chromium import browser
 
     with tempfile.TemporaryDirectory() as folder, browser() as page:
         (Path(folder) / "meter.device.yaml").write_text(DEVICE, "utf-8")
@@ -160,12 +195,13 @@ def main(seconds: float) -> None:
             found = measured(path, page, seconds)
             each = found["used"] * found["page"] / max(1, found["refreshes"])
             shares.append(each / VALUES_EVERY)
-            whole = found["used"] / found["passed"]
+            whole, ages = found["used"] / found["passed"], found["ages"]
             print(
                 f"turn {turn}: {found['refreshes']} refreshes in {found['passed']:.1f} s, {1000 * each:.1f} ms of "
-                f"processor time each, {shares[-1]:.1%} of a core at {1 / VALUES_EVERY:.0f} a second; "
-                f"the whole process took {whole:.1%}, {found['frames']} frames; on the screen after "
-                f"{found['mean']:.0f} ms, {found['most']:.0f} ms at most",
+                f"processor time each, {shares[-1]:.1%} of a core at {1 / VALUES_EVERY:.0f} a second; the whole "
+                f"process took {whole:.1%}, {found['frames']} frames, longest stop {1000 * found['stop']:.0f} ms; "
+                f"drawn in {found['mean']:.0f} ms, {found['most']:.0f} ms at most; from change to screen "
+                f"{ages[len(ages) // 2]} ms, 95 % within {ages[len(ages) * 95 // 100]} ms, {ages[-1]} ms at most",
                 flush=True,
             )
         print(f"the page takes {sorted(shares)[len(shares) // 2]:.1%} of a core (the middle of {len(shares)} turns)")

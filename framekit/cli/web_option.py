@@ -112,7 +112,7 @@ class WebPage:
         from framekit.extras.web.board import WebBoard
         from framekit.extras.web.shown import shown_server
 
-        async with self.shows(WebBoard(shown_server(devices, self._view))):
+        async with self.shows(WebBoard(shown_server(devices, self._view)), "set values and switch faults"):
             yield
 
     @asynccontextmanager

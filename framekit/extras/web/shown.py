@@ -77,6 +77,10 @@ class ChangingRows:
         return {key: row for key, (seen, row) in self._rows.items() if seen > number}
 
 
+POINTS_EVERY = 5
+"""Number of rounds after which the descriptions of the points are read again: an edit of the run may change them."""
+
+
 class ChangingValues:
     """The values of points, numbered from 0 through all groups."""
 
@@ -85,10 +89,13 @@ class ChangingValues:
         self._groups = groups
         self.values: list[PointValue] = []
         self._rounds: list[int] = []
+        self._points: list[RunPoint] = []
 
     def look(self) -> None:
         """Begin a new round. A value that was read again without a difference has not changed."""
         self.round = number = self.round + 1
+        if number % POINTS_EVERY == 1:
+            self._points = [point for group in self._groups for point in group.values()]
         now = [value for group in self._groups for value in group.now()]
         if len(now) != len(self.values):
             self._rounds = [number] * len(now)
@@ -101,8 +108,7 @@ class ChangingValues:
 
     def since(self, number: int) -> Iterator[tuple[int, PointValue, RunPoint]]:
         """Yield the number, value and point of each point that has changed after a round."""
-        values = self.values
-        points = [point for group in self._groups for point in group.values()]
+        values, points = self.values, self._points
         return ((at, values[at], points[at]) for at, seen in enumerate(self._rounds) if seen > number)
 
 

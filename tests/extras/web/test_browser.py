@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from extras.web.chromium import Looking, browser, needs_chromium, program
+from extras.web.chromium import Looking, browser, needs_chart, needs_chromium, program
 from extras.web.page_world import METER, written
 from extras.web.page_world import RUN as WORLD
 
@@ -77,6 +77,7 @@ def test_values_move_and_frames_are_filtered_and_paused(tmp_path: Path) -> None:
 
 
 @needs_chromium
+@needs_chart
 @pytest.mark.long
 def test_points_are_filtered_grouped_and_drawn(tmp_path: Path) -> None:
     with browser() as page, program(tmp_path, "run", str(quick(tmp_path))) as (url, _):
@@ -103,6 +104,7 @@ def test_points_are_filtered_grouped_and_drawn(tmp_path: Path) -> None:
 
 
 @needs_chromium
+@needs_chart
 @pytest.mark.long
 def test_the_chart_is_zoomed_and_goes_on(tmp_path: Path) -> None:
     with browser() as page, program(tmp_path, "run", str(quick(tmp_path))) as (url, _):
@@ -121,6 +123,7 @@ def test_the_chart_is_zoomed_and_goes_on(tmp_path: Path) -> None:
 
 
 @needs_chromium
+@needs_chart
 @pytest.mark.long
 def test_older_values_come_from_the_history_of_the_run(tmp_path: Path) -> None:
     sink = "sinks:\n  - {sqlite: plant.sqlite, every: 200 ms}\n"
@@ -246,7 +249,7 @@ def test_the_pictures_of_a_run(tmp_path: Path) -> None:
     with browser() as page, program(tmp_path / "examples", "run", "oven.run.yaml") as (url, _):
         page.driver.set_window_size(1280, 1240)
         page.open(url)
-        page.until(lambda: int(page.text("#frames .count").split()[0]) > (300 if MAKES_PICTURES else 20))
+        page.until(lambda: int(page.text("#frames .count").split()[0]) > (150 if MAKES_PICTURES else 20))
         page.click("#pause")
         page.click_row("frames", "read_holding_reply")
         page.until(lambda: "bytes" in page.text("#frame h3"))
@@ -272,6 +275,7 @@ HOSTILE = "<img src=x onerror=document.title='caught'>"
 
 
 @needs_chromium
+@needs_chart
 @pytest.mark.long
 def test_names_and_values_are_text_whatever_they_are(tmp_path: Path) -> None:
     path = written(tmp_path, HOSTILE_RUN.replace("HOSTILE", HOSTILE))

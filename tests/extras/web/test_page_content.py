@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -166,6 +167,7 @@ def test_ages_are_those_of_the_values(tmp_path: Path, monkeypatch: pytest.Monkey
 # ---- the chart library -------------------------------------------------------------------------------------------
 
 
+@pytest.mark.skipif(find_spec("youplot") is None, reason="youplot is not installed")
 def test_the_chart_library_is_served_only_as_the_known_version(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

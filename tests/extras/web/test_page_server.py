@@ -30,7 +30,7 @@ from framekit.cli.main import main
 from framekit.extras.web import patience
 from framekit.extras.web import server as server_module
 from framekit.extras.web.access import Access, is_known_host
-from framekit.extras.web.assets import PAGE
+from framekit.extras.web.assets import PAGE, chart_files
 from framekit.extras.web.board import WebBoard
 from framekit.extras.web.server import PageApp, WebServer
 from framekit.extras.web.session import WebSession
@@ -57,7 +57,7 @@ def app(page: Page) -> PageApp:
 
 def test_the_page_comes_with_its_rules(app: PageApp) -> None:
     client = TestClient(app.app, base_url=HOME)
-    for path in ("/", "/run.js", "/parts.js", "/page.css", "/uplot.js", "/uplot.css"):
+    for path in ("/", "/run.js", "/parts.js", "/page.css", *(f"/{name}" for name in chart_files())):
         reply = client.get(path)
         assert reply.status_code == 200
         rules = reply.headers["content-security-policy"]

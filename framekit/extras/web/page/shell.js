@@ -1,4 +1,4 @@
-// The head of every page: its title, the state of the connection, the other pages, the token, light or dark.
+// The head of every page: its title, the state of the connection, links to its parts, the token, light or dark.
 import { element } from "./parts.js";
 import { forgetInks } from "./draw.js";
 
@@ -22,7 +22,7 @@ export function buildShell(words) {
   const bar = document.querySelector("header.bar");
   made("h1", bar, { id: "title", textContent: "framekit" });
   made("span", bar, { id: "state", className: "pill", textContent: "Connecting" }).setAttribute("role", "status");
-  made("nav", bar, { id: "pages", hidden: true }).setAttribute("aria-label", "pages");
+  made("nav", bar, { id: "parts" }).setAttribute("aria-label", "parts of the page");
   made("p", bar, { id: "told" }).setAttribute("role", "status");
   const lock = made("details", bar, { id: "lock" });
   made("summary", lock, { id: "may", className: "pill", textContent: "Read only" });
@@ -40,6 +40,16 @@ export function buildShell(words) {
   });
   system.addEventListener("change", paint);
   paint();
+  linkParts();
+}
+
+// A link to each part that is shown now: the cards with a heading.
+function linkParts() {
+  const parts = [...document.querySelectorAll("main .card[id]")].filter(part => part.querySelector("header h2"));
+  const links = parts.map(part => made("a", at("parts"), { href: `#${part.id}`, textContent: part.querySelector("header h2").textContent }));
+  const show = () => parts.forEach((part, number) => { links[number].hidden = part.closest("[hidden]") !== null; });
+  new MutationObserver(show).observe(document.querySelector("main"), { attributes: true, attributeFilter: ["hidden"], subtree: true });
+  show();
 }
 
 function paint() {
@@ -47,16 +57,6 @@ function paint() {
   if (theme) document.documentElement.dataset.theme = theme;
   forgetInks();
   for (const one of repaint) one();
-}
-
-// `pages`: address and name of each page of this program.
-export function showPages(pages) {
-  at("pages").hidden = pages.length < 2;
-  at("pages").replaceChildren();
-  for (const [address, name] of pages) {
-    const link = made("a", at("pages"), { href: address, textContent: name });
-    if (new URL(link.href).pathname === location.pathname) link.setAttribute("aria-current", "page");
-  }
 }
 
 export function showFoot(version, chart) {

@@ -15,7 +15,7 @@ export class Trend {
   constructor(live, points) {
     Object.assign(this, { live, points, chosen: [], lanes: [], data: null, span: MEMORY, zoom: null, asked: 0 });
     new ResizeObserver(() => this.fit()).observe(at("lanes"));
-    onTheme(() => this.lanes.forEach(({ plot }) => plot.redraw()));
+    onTheme(() => { if (this.lanes.length) this.draw(); });
   }
 
   begin(stored) {
