@@ -7,7 +7,7 @@ the current state, so that a slow reader gets fewer updates but never an old sta
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isfinite
 from typing import Any, NamedTuple
@@ -226,17 +226,26 @@ def _rows(status: RunStatus, load: Mapping[int, float]) -> Mapping[str, Rows]:
 
 
 def _troubles(status: RunStatus) -> dict[str, str]:
-    """Return the present troubles of a run: parts that fail, lost channels, dead and slow stations."""
-    found = {f"part {one.name}": str(one) for one in status.troubles}
+    """Return the present troubles of a run: those of its parts, and channels and stations that no part reports."""
+    found: dict[str, str] = {}
+    names: Counter[str] = Counter()
+    for one in status.troubles:
+        names[one.name] += 1
+        found[f"{one.name} {names[one.name]}"] = str(one)
     for line in status.channels:
-        if STATES.get(line.state, "lost") == "lost":
-            found[f"channel {line.number}"] = f"channel {line.number}: {line.state}"
-        found |= {f"slow {line.number} {at}": f"channel {line.number}: {text}" for at, text in enumerate(line.slow)}
+        name = f"channel {line.number}"
+        if STATES.get(line.state, "lost") == "lost" and not _is_reported(name, names):
+            found[f"state of {name}"] = f"{name}: {line.state}"
     for station in status.stations:
-        if station.dead:
+        if station.dead and not _is_reported(f"channel {station.channel}", names):
             where = f"channel {station.channel}, station {shown(station.station)}"
-            found[f"station {where}"] = f"{where} does not answer"
+            found[f"state of {where}"] = f"{where} does not answer"
     return found
+
+
+def _is_reported(name: str, names: Iterable[str]) -> bool:
+    """Return whether a part reports trouble of this channel, or of a station of it."""
+    return any(one == name or one.startswith((f"{name},", f"{name} ")) for one in names)
 
 
 def shown_server(server: AsyncServer, view: LiveView) -> Shown:

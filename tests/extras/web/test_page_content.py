@@ -55,10 +55,11 @@ def test_a_dead_station_is_named_on_its_card_and_as_a_notice(tmp_path: Path) -> 
     assert found["Errors"].state == "bad" and "no_reply" in found["Errors"].text
     assert found["Stations"].state == "bad" and "station 9" in found["Stations"].text
     assert found["Points"].value == "0 of 3"
-    assert [one.text for one in page.board.notices] == ["channel 1, station 9 does not answer"]
+    (notice,) = page.board.notices
+    assert notice.text.startswith("channel 1") and "3 points without a good value" in notice.text
     session = page.session()
     told = [message["notices"] for message in session.news() if "notices" in message]
-    assert told[0][0][1] == "channel 1, station 9 does not answer"
+    assert [one[1] for one in told[0]] == [notice.text]
     assert not any("notices" in message for message in session.news())
 
 
