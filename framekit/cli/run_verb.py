@@ -64,7 +64,8 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--control",
         action="store_true",
-        help="take lines from standard input: fire N, enable N, disable N, stop; with --screen by the key :",
+        help="take lines from standard input: fire N, enable N, disable N (also set N, channel N), reset, stop; with "
+        "--screen by the key :",
     )
     parser.add_argument(
         "--read-only",

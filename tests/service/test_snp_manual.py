@@ -14,6 +14,7 @@ from framekit.service.device import DeviceStore
 from framekit.transport.clock import VirtualClock
 
 STATION = "33101A"
+SECOND = 1_000_000_000
 
 
 class Slave:
@@ -169,3 +170,12 @@ def test_a_90_70_has_blocks_of_8_kb_and_no_idle_limit_of_its_own() -> None:
     slave.ok("short_status")
     assert slave.device["t3p"] == 0
     assert slave.device["data_size"] == 8192
+
+
+def test_a_slave_that_prepares_for_long_keeps_the_link_alive() -> None:
+    """T5 of the CMM (Table 44): without it, the master gives up after T3 prime."""
+    slave = Slave(preparation=25 * SECOND, own_t5=4 * SECOND)
+    assert slave.ok("short_status")["plc"]["level"] == 2
+    assert slave.call("short_status").ok
+    slave = Slave(preparation=25 * SECOND, privilege=0)
+    assert slave.call("short_status").outcome == "link_idle"

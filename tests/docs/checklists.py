@@ -1,0 +1,118 @@
+"""Fill in the sources of the checklists of `docs/protocols` from the files: `python tests/docs/checklists.py`.
+
+A checklist begins with a table of its sources: a word, files, and the cases in them, which this module counts. Then
+come its rows: identifiers of the specification, what they are, their state, and where they are tested: a source by its
+word, a file by its name, or a dash. A row with a dash is not covered, or another page has it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+ROOT = Path(__file__).parents[2]
+PAGES = ROOT / "docs" / "protocols"
+SOURCES = "| source | files | cases |"
+ROWS = "| rows | what | state | where tested |"
+_ID = re.compile(r"([A-Z]+)-?(\d+)")
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of a checklist."""
+
+    line: int
+    rows: str
+    what: str
+    state: str
+    tested: str
+
+    @property
+    def identifiers(self) -> list[str]:
+        """Return the identifiers of the row, ranges written out."""
+        return written_out(self.rows)
+
+
+@dataclass(frozen=True)
+class Checklist:
+    """The checklist of a page."""
+
+    page: Path
+    sources: dict[str, list[Path]]
+    rows: list[Row]
+    not_covered: str
+    """The text of the section of that name."""
+
+
+def checklists() -> list[Path]:
+    """Return the pages with a checklist."""
+    return sorted(path for path in PAGES.glob("*.md") if "\n## Checklist\n" in path.read_text(encoding="utf-8"))
+
+
+def written_out(text: str) -> list[str]:
+    """Return the identifiers in `F001 – F003, F007`: F1, F2, F3, F7."""
+    found: list[str] = []
+    for part in text.split(","):
+        names = [(letter, int(number)) for letter, number in _ID.findall(part)]
+        if len(names) == 2 and "–" in part and names[0][0] == names[1][0]:
+            found += [f"{names[0][0]}{number}" for number in range(names[0][1], names[1][1] + 1)]
+        else:
+            found += [f"{letter}{number}" for letter, number in names]
+    return found
+
+
+def read(page: Path) -> Checklist:
+    """Return the checklist of a page."""
+    text = page.read_text(encoding="utf-8")
+    lines = text.splitlines()
+    begin = lines.index("## Checklist")
+    sources: dict[str, list[Path]] = {}
+    rows: list[Row] = []
+    for number, cells in _table(lines, SOURCES, begin):
+        assert len(cells) == 3, f"{page.name}:{number}"
+        sources[cells[0].strip("*")] = [ROOT / name for name in re.findall(r"`([^`]+)`", cells[1])]
+    for number, cells in _table(lines, ROWS, begin):
+        assert len(cells) == 4, f"{page.name}:{number}: {len(cells)} cells"
+        rows.append(Row(number, *cells))
+    _, _, rest = text.partition("\n## Not covered\n")
+    return Checklist(page, sources, rows, rest.partition("\n## ")[0])
+
+
+def _table(lines: list[str], head: str, begin: int) -> Iterator[tuple[int, list[str]]]:
+    """Yield the rows of the first table with this head from a line on: number of the line, cells."""
+    start = lines.index(head, begin) + 2
+    for number, line in enumerate(lines[start:], start=start + 1):
+        if not line.startswith("|"):
+            return
+        yield number, [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
+
+
+def cases(path: Path) -> str:
+    """Return the number of cases of a file of vectors or tests, in words."""
+    if path.suffix == ".yaml":
+        content = yaml.load(path.read_text(encoding="utf-8"), yaml.CSafeLoader)
+        counts = {kind: len(content.get(kind, ())) for kind in ("frames", "conversations")}
+        return ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)
+    files = path.glob("test_*.py") if path.is_dir() else [path]
+    count = sum(len(re.findall(r"^ *def test_", one.read_text(encoding="utf-8"), re.MULTILINE)) for one in files)
+    return f"{count} tests"
+
+
+def filled_in(page: Path) -> str:
+    """Return the text of a page with the counted cases in the table of sources."""
+    lines = page.read_text(encoding="utf-8").splitlines(keepends=True)
+    stripped = [line.rstrip("\n") for line in lines]
+    for number, cells in _table(stripped, SOURCES, stripped.index("## Checklist")):
+        files = [ROOT / name for name in re.findall(r"`([^`]+)`", cells[1])]
+        counted = "; ".join(cases(file) for file in files)
+        lines[number - 1] = f"| {cells[0]} | {cells[1]} | {counted} |\n"
+    return "".join(lines)
+
+
+if __name__ == "__main__":
+    for one in checklists():
+        one.write_text(filled_in(one), encoding="utf-8")
