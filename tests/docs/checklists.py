@@ -1,8 +1,8 @@
 """Fill in the sources of the checklists of `docs/protocols` from the files: `python tests/docs/checklists.py`.
 
 A checklist begins with a table of its sources: a word, files, and the number of their cases. Then come its rows:
-identifiers of the specification, a description, the state, and the tests: a source by its word, a file by its name, or a
-dash. A row with a dash is not covered, or is on another page.
+identifiers of the specification, a description, the state, and the tests: a source by its word, a file by its name, or
+a dash. A row with a dash is not covered, or is on another page.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def _table(lines: list[str], head: str, begin: int) -> Iterator[tuple[int, list[
 
 
 def cases(path: Path) -> str:
-    """Return the number of cases of a file of vectors, in words; for files of tests, which change more often, `tests`."""
+    """Return the number of cases of a file of vectors, in words; for files of tests the word `tests`."""
     if path.suffix == ".yaml":
         content = yaml.load(path.read_text(encoding="utf-8"), yaml.CSafeLoader)
         counts = {kind: len(content.get(kind, ())) for kind in ("frames", "conversations")}
