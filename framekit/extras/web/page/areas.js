@@ -32,7 +32,10 @@ export class Areas {
   begin(devices) {
     this.devices = devices;
     at("device").replaceChildren();
-    devices.forEach(({ name, station }, number) => Object.assign(element("option", at("device")), { value: number, textContent: station ? `${name}, station ${station}` : name }));
+    devices.forEach(({ name, station }, number) => {
+      const textContent = station ? `${name}, station ${station}` : name;
+      Object.assign(element("option", at("device")), { value: number, textContent });
+    });
     at("device").hidden = devices.length < 2;
     this.show(devices[this.device]?.used ?? 0);
   }
@@ -49,12 +52,15 @@ export class Areas {
     this.before.clear();
     at("area-tabs").replaceChildren();
     this.devices[this.device].areas.forEach(([name, size, unit], one) => {
-      const tab = Object.assign(element("button", at("area-tabs")), { textContent: name, title: `${size} × ${unit}`, className: one === number ? "on" : "" });
+      const tab = Object.assign(element("button", at("area-tabs")), { textContent: name, title: `${size} × ${unit}` });
+      tab.classList.toggle("on", one === number);
       tab.setAttribute("aria-pressed", String(one === number));
       tab.addEventListener("click", () => this.show(one));
     });
     this.head.replaceChildren();
-    for (let column = -1; column < this.area.columns; column++) Object.assign(element("th", this.head), { textContent: column < 0 ? "Address" : `+${column}`, className: column < 0 ? "" : "right", scope: "col" });
+    Object.assign(element("th", this.head), { textContent: "Address", scope: "col" });
+    for (let column = 0; column < this.area.columns; column++)
+      Object.assign(element("th", this.head), { textContent: `+${column}`, className: "right", scope: "col" });
     this.body.replaceChildren();
     this.place.scrollTop = Math.floor(first / this.area.columns) * ROW;
     this.draw();
@@ -88,30 +94,35 @@ export class Areas {
 
   // Called some times a second: the values of the rows in view.
   ask() {
-    if (this.count > 0 && !document.hidden) this.live.say({ area: this.device, number: this.number, first: this.first, count: this.count, step: this.area.columns });
+    if (!(this.count > 0) || document.hidden) return;
+    this.live.say({ area: this.device, number: this.number, first: this.first, count: this.count, step: this.area.columns });
   }
 
   take(what) {
     if (what.area !== this.device || what.number !== this.number || what.first !== this.first) return;
-    const { columns, bits } = this.area, now = performance.now();
+    const { columns } = this.area;
     what.addresses.forEach((address, number) => {
       const row = this.body.rows[number];
       if (row) row.cells[0].textContent = address || String(what.first + number * columns);
     });
     [...this.body.rows].forEach((row, line) => {
       for (let column = 0; column < columns; column++) {
-        const number = line * columns + column, element = what.first + number, cell = row.cells[column + 1].firstChild, value = what.elements[number];
-        cell.hidden = value === undefined;
-        if (value === undefined) continue;
-        const text = this.written(BigInt(value), bits);
-        const last = this.before.get(element);
-        if (!last || last.value !== value) this.before.set(element, { value, at: last ? now : -BLINK });
-        cell.textContent = text;
-        cell.value = element;
-        cell.title = `${value}, element ${element}`;
-        cell.className = `cell${String(value) === "0" ? " zero" : ""}${now - this.before.get(element).at < BLINK ? " moved" : ""}${element === this.marked ? " found" : ""}`;
+        const number = line * columns + column;
+        this.fill(row.cells[column + 1].firstChild, what.first + number, what.elements[number]);
       }
     });
+  }
+
+  // Shows the value of an element; a cell after the last element is hidden.
+  fill(cell, number, value) {
+    cell.hidden = value === undefined;
+    if (cell.hidden) return;
+    const now = performance.now(), last = this.before.get(number);
+    if (!last || last.value !== value) this.before.set(number, { value, at: last ? now : -BLINK });
+    Object.assign(cell, { textContent: this.written(BigInt(value), this.area.bits), value: number, title: `${value}, element ${number}` });
+    cell.classList.toggle("zero", String(value) === "0");
+    cell.classList.toggle("moved", now - this.before.get(number).at < BLINK);
+    cell.classList.toggle("found", number === this.marked);
   }
 
   // A value in the chosen form.

@@ -53,7 +53,7 @@ export class Frames {
 
   takeFields(what) {
     const inside = what.frame && what.frame !== what.what ? ` in ${what.frame}` : "";
-    const title = what.gone ? `Frame ${what.fields} is no longer kept` : `${what.what}${inside} · no. ${what.fields} · ${many(what.bytes.length / 2, "byte")}`;
-    fieldView(at("frame"), title, what.bytes ?? "", what.rows ?? [], what.fault);
+    const bytes = what.bytes ?? "", name = `${what.what}${inside} · no. ${what.fields} · ${many(bytes.length / 2, "byte")}`;
+    fieldView(at("frame"), what.gone ? `Frame ${what.fields} is no longer kept` : name, bytes, what.rows ?? [], what.fault);
   }
 }

@@ -21,7 +21,8 @@ export class Grid {
     this.bars = columns.map(() => element("col", group));
     this.texts = columns.map((_, at) => at).filter(at => !columns[at].kind);
     columns.forEach(({ kind }, at) => { if (kind) this.bars[at].style.width = KINDS[kind]; });
-    for (const column of columns) Object.assign(element("th", top), { textContent: column.title, className: /right/.exec(column.look ?? "") ?? "", scope: "col" });
+    for (const { title, look } of columns)
+      Object.assign(element("th", top), { textContent: title, className: look?.includes("right") ? "right" : "", scope: "col" });
     this.before = element("td", element("tr", element("tbody", table)));
     this.body = element("tbody", table);
     this.after = element("td", element("tr", element("tbody", table)));

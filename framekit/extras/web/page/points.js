@@ -27,8 +27,10 @@ export class Points {
   // `behaviours`: sentences by the names of points.
   begin(described, behaviours = new Map()) {
     this.list.length = 0;
-    described.forEach(([name, unit, place, about, writable, range, words, group], key) => this.list.push(
-      { key, state: "stale", cells: [name, "–", unit, "", ""].slice(0, this.behaves ? 4 : 5), numbers: [], number: null, name, unit, place, about, writable, range, words, of: group, behaviour: behaviours.get(name) ?? "" }));
+    described.forEach(([name, unit, place, about, writable, range, words, group], key) => this.list.push({
+      key, name, unit, place, about, writable, range, words, of: group, behaviour: behaviours.get(name) ?? "",
+      state: "stale", cells: [name, "–", unit, "", ""].slice(0, this.behaves ? 4 : 5), numbers: [], number: null,
+    }));
     this.groups = [...new Set(this.list.map(point => point.of))];
     const select = at("group"), before = select.value;
     select.replaceChildren();

@@ -67,8 +67,12 @@ export class Tables {
     const what = name === "blocks" ? `block ${key}, ${this.cell(name, key, "what")}` : `channel ${key}, ${this.cell(name, key, "driver")}`;
     const target = name === "blocks" ? key : `channel ${key}`;
     const lines = [`Now: ${state}`];
-    if (name === "blocks") lines.push(`Done ${this.cell(name, key, "done")} times, failed ${this.cell(name, key, "failed")} times, last failure: ${this.cell(name, key, "last failure")}`);
-    const verbs = name === "blocks" && !is_off ? [["fire", "Fire"], ["disable", "Switch off"]] : is_off ? [["enable", "Switch on"]] : [["disable", "Switch off"]];
+    if (name === "blocks") {
+      const [done, failed, last] = ["done", "failed", "last failure"].map(title => this.cell(name, key, title));
+      lines.push(`Done ${done} times, failed ${failed} times, last failure: ${last}`);
+    }
+    const verbs = is_off ? [["enable", "Switch on"]] : [["disable", "Switch off"]];
+    if (name === "blocks" && !is_off) verbs.unshift(["fire", "Fire"]);
     const carry = verb => (_, ended) => this.live.act({ do: `${verb} ${target}` }, why => {
       ended(why);
       if (!why) this.live.tell(`Done: ${verb} ${target}`);

@@ -1,5 +1,5 @@
-// The course of chosen points: a lane for each unit, and for each point without a unit; one time axis. The last minutes come from memory and go on; longer
-// spans come from the history of the run.
+// The course of chosen points: a lane for each unit, and for each point without a unit; one time axis. The last minutes
+// come from memory and go on; longer spans come from the history of the run.
 import { ink } from "./draw.js";
 import { element } from "./parts.js";
 import { at, onTheme } from "./shell.js";
@@ -8,7 +8,7 @@ import { count } from "./words.js";
 const MOST = 6, LEFT = 52, HIGH = 361, KEPT = 3600, MEMORY = 600, AXIS = 26;
 const SPANS = [[60, "1 min"], [300, "5 min"], [600, "10 min"]];
 const STORED = [[3600, "1 h"], [86400, "24 h"], [604800, "7 d"]];
-const AGAIN = 10000;
+const AGAIN = 10000, FONT = "11px system-ui, sans-serif";
 
 export class Trend {
   // `points`: the table of points, `live`: the connection.
@@ -100,7 +100,8 @@ export class Trend {
     this.lanes.forEach(({ plot }) => plot.destroy());
     this.lanes = [];
     at("lanes").replaceChildren();
-    const hint = !window.uPlot ? "There are no charts: install framekit with the extra 'web' again" : !this.chosen.length ? "Choose points in the table to see their course" : "";
+    const missing = "There are no charts: install framekit with the extra 'web' again";
+    const hint = !window.uPlot ? missing : this.chosen.length ? "" : "Choose points in the table to see their course";
     if (hint) Object.assign(element("p", at("lanes")), { className: "empty", textContent: hint });
     if (hint || !this.data) return;
     const lanes = Map.groupBy(this.chosen, key => this.points.list[key].unit || key), high = (HIGH - AXIS) / lanes.size;
@@ -109,7 +110,7 @@ export class Trend {
   }
 
   lane(unit, keys, high, is_last) {
-    const axis = { stroke: () => ink("--muted"), grid: { stroke: () => ink("--line"), width: 1 }, ticks: { show: false }, font: "11px system-ui, sans-serif" };
+    const axis = { stroke: () => ink("--muted"), grid: { stroke: () => ink("--line"), width: 1 }, ticks: { show: false }, font: FONT };
     const colour = key => ink(`--s${this.chosen.indexOf(key)}`);
     const plot = new window.uPlot({
       width: at("lanes").clientWidth,
