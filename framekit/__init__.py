@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from framekit.api.memory import Memory
     from framekit.api.points import RunPoint
     from framekit.api.run import AsyncRun, Run, VirtualRun
+    from framekit.api.scan import FoundDevice, Scan, ascan, scan
     from framekit.api.server import AsyncServer, Server, aserve, serve
     from framekit.api.values import Answer, Frame, Reading
     from framekit.codec.columns import Batch
@@ -46,6 +47,7 @@ _HOMES = {
     ),
     "api.memory": ("Memory",),
     "api.points": ("RunPoint",),
+    "api.scan": ("FoundDevice", "Scan", "ascan", "scan"),
     "api.run": ("AsyncRun", "Run", "VirtualRun"),
     "api.server": ("AsyncServer", "Server", "aserve", "serve"),
     "api.values": ("Answer", "Frame", "Reading"),
@@ -72,6 +74,7 @@ __all__ = [
     "ErrorCode",
     "ExchangeError",
     "Failure",
+    "FoundDevice",
     "Frame",
     "FrameError",
     "FramekitError",
@@ -87,13 +90,16 @@ __all__ = [
     "RequestError",
     "Run",
     "RunPoint",
+    "Scan",
     "Seen",
     "Server",
     "VirtualRun",
     "aconnect",
+    "ascan",
     "aserve",
     "connect",
     "load",
+    "scan",
     "serve",
 ]
 

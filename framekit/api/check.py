@@ -39,11 +39,13 @@ def check_file(name: str) -> Checked:
 
 
 def _protocol(path: Path) -> Checked:
+    from framekit.api.scan import check_probe
     from framekit.link.addresses import check_addresses
 
     protocol = load_protocol(path)
     problems = [*protocol.warnings, *check_matrices(protocol, built=lambda: _built_by_vectors(path))]
     problems += check_addresses(protocol.addresses, protocol.areas, protocol.tables)
+    problems += check_probe(protocol)
     roles = f", roles {', '.join(protocol.roles)}" if protocol.roles else ""
     return Checked(f"{protocol.kind} {protocol.name}, {plural(len(protocol.frames), 'frame')}{roles}", problems)
 

@@ -21,6 +21,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "read": "read values of a device",
         "write": "write values into a device",
         "call": "run another service of a device",
+        "scan": "find stations, their speed and format, by harmless requests",
         "commreq": "explain or carry out command blocks",
     },
     "Run": {
@@ -87,6 +88,10 @@ EXAMPLES: dict[str, tuple[str, str]] = {
     "call": (
         "framekit call modbus-rtu --port /dev/ttyUSB0 --station 1 identify",
         "framekit call modbus-rtu --port /dev/ttyUSB0 --station 1 identify --json",
+    ),
+    "scan": (
+        "framekit scan /dev/ttyUSB0 modbus-rtu --stations 1..10 --timeout 200ms",
+        "framekit scan tcp://{host} modbus-tcp --hosts 10.0.0.0/28 --stations 1 --json",
     ),
     "commreq": (
         "framekit commreq ccm --explain 6 0 8 9 0 0 0x17DF 10 1 200 50 1",

@@ -46,6 +46,7 @@ GUIDE = {
     "areas": "areas.md",
     "addresses": "areas.md#addresses",
     "services": "services.md",
+    "probe": "services.md#the-probe",
     "server": "serving.md",
     "commands": "commands.md",
     "errors": "errors.md",

@@ -56,7 +56,36 @@ def check_services(protocol: Protocol, broken: Collection[str] = ()) -> list[Pro
     found += [*check_stations(protocol), *check_settings(protocol), *check_of_client(protocol)]
     reported = {problem.at for problem in found}
     found += [problem for problem in check_unserved(protocol) if problem.at not in reported]
-    return [*found, *_areas(protocol, broken), *_codes(protocol), *_errors(protocol, broken)]
+    return [*found, *_areas(protocol, broken), *_codes(protocol), *_errors(protocol, broken), *_probe(protocol, broken)]
+
+
+def _probe(protocol: Protocol, broken: Collection[str]) -> Iterator[Problem]:
+    """Report a probe that names no request or two, an unknown service, or a service that writes."""
+    probe = protocol.probe
+    if probe is None:
+        return
+    if (probe.read is None) == (probe.call is None):
+        what = "the probe names no request" if probe.read is None else "the probe names two requests"
+        yield Problem(probe.at, what, "write one: read: ADDRESS or call: SERVICE")
+        return
+    if probe.call is None:
+        if "read" not in protocol.services and "services" not in broken:
+            yield Problem(probe.at, "the probe reads, and there is no service read", "write call: with another service")
+        if probe.arguments:
+            yield Problem(probe.at, "with has no effect on a read", "leave with out")
+        return
+    rows = protocol.services.get(probe.call)
+    if rows is None:
+        if probe.call not in broken:
+            hint = did_you_mean(probe.call, protocol.services) or "name one of services:"
+            yield Problem(probe.at, f"there is no service '{probe.call}'", hint)
+        return
+    if any(row.may_write(protocol.state) for row in rows):
+        yield Problem(probe.at, f"service '{probe.call}' writes, and a probe may not", "name a service that only reads")
+    taken = {argument.name for row in rows for argument in row.takes}
+    for name in probe.arguments.keys() - taken:
+        hint = did_you_mean(name, taken) or "leave it out"
+        yield Problem(probe.at, f"service '{probe.call}' takes no '{name}'", hint)
 
 
 def _constructors(protocol: Protocol, broken: Collection[str]) -> Iterator[Problem]:

@@ -28,7 +28,7 @@ from framekit.definition.load.services import ServiceLoader, load_address_forms,
 from framekit.definition.model.frames import Frame, Layout, attributes_in, names_read, parts_of
 from framekit.definition.model.procedure import Role, Sequence, Session
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.sections import Line, Parameter, Queue, Receiver, StateVariable, StationType
+from framekit.definition.model.sections import Line, Parameter, Probe, Queue, Receiver, StateVariable, StationType
 from framekit.definition.model.services import AddressForm, Area, CommandRules, Errors, Refusal, ServiceRow
 from framekit.definition.model.values import FrameOf, LayoutOf, ReadAs, Table
 from framekit.definition.nodes import Entry, Node, Scalar
@@ -95,6 +95,7 @@ class ProtocolLoader:
             services={name: tuple(resolve.service(row) for row in found) for name, found in rows.items()},
             commands=resolve.plainly(commands),
             commands_file=self._text("commands"),
+            probe=None if self._own("probe") is None else self._section(Probe, "probe"),
             warnings=(),
         )
 

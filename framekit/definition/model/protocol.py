@@ -9,7 +9,7 @@ from typing import Literal
 from framekit.definition.model.checks import CheckMethod
 from framekit.definition.model.frames import Frame, Group, Layout, parts_of
 from framekit.definition.model.procedure import Action, Lane, Role, Sequence, Session, Step
-from framekit.definition.model.sections import Line, Parameter, Queue, Receiver, StateVariable, StationType
+from framekit.definition.model.sections import Line, Parameter, Probe, Queue, Receiver, StateVariable, StationType
 from framekit.definition.model.segments import Inner
 from framekit.definition.model.services import AddressForm, Area, CommandRules, Errors, Refusal, ServiceRow
 from framekit.definition.model.values import Table
@@ -54,6 +54,8 @@ class Protocol:
     warnings: tuple[Problem, ...]
     at: Position
     profile_at: Position = NOWHERE
+    probe: Probe | None = None
+    """The request that finds devices; None: a read of the first readable address."""
 
     @property
     def frames_alone(self) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from framekit.definition.expression import Bytes, Expression, List, Number, Text, real_number
 from framekit.definition.given_values import GivenValue, given_value
@@ -13,6 +13,7 @@ from framekit.definition.keys import (
     BYTE,
     EXPRESSION,
     FLAG,
+    LABEL,
     NUMBER,
     RANGE,
     TEXT,
@@ -30,6 +31,9 @@ from framekit.definition.problems import NOWHERE, Position, parted
 from framekit.definition.times import parse_format
 from framekit.definition.tree import Mapping as Keys
 from framekit.definition.tree import Node, Scalar, Sequence
+
+if TYPE_CHECKING:
+    from framekit.definition.model.values import Constant
 
 WITHOUT_NUMBER = re.compile(r"tcp(-listen)?://(\[[^\]]+\]|[^:/\[\]]+)/?")
 """URL of a connection to a host, or of a listener, without a port number."""
@@ -205,6 +209,24 @@ class StationType:
     pad: int | None = key("pad", Form(BYTE.schema, _pad), default=None)
     """Byte that fills up a text given for bytes of a known `size`."""
     default: Expression | None = key("default", GIVEN, default=None)
+
+
+# ---- the probe ----------------------------------------------------------------------------------------------
+
+
+def _constants(reading: KeyReading, node: Node) -> dict[str, Constant]:
+    return {entry.key.text: reading.reader.cell(entry.value) for entry in reading.reader.entries(node)}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Probe:
+    """A harmless request that shows whether a device is present: a read of an address, or the call of a service."""
+
+    at: Position = NOWHERE
+    read: str | None = key("read", TEXT, default=None)
+    call: str | None = key("call", LABEL, default=None)
+    arguments: Mapping[str, Constant] = key("with", Form({}, _constants), factory=dict)
+    """Arguments of the service."""
 
 
 # ---- parameters, variables, queues --------------------------------------------------------------------------

@@ -45,7 +45,7 @@ from framekit.definition.keys import (
 from framekit.definition.load.reader import MOST_ELEMENTS
 from framekit.definition.model.frames import names_read
 from framekit.definition.model.procedure import SETTINGS, Target
-from framekit.definition.model.sections import Argument
+from framekit.definition.model.sections import Argument, StateVariable
 from framekit.definition.model.values import Constant, FrameOf, Value
 from framekit.definition.problems import Position, did_you_mean
 from framekit.definition.tree import Mapping as Keys
@@ -536,6 +536,17 @@ class ServiceRow:
     client_only: bool = key("client_only", FLAG, default=False)
     server_only: bool = key("server_only", FLAG, default=False)
     outside_session: bool = key("outside_session", FLAG, default=False)
+
+    def may_write(self, state: Mapping[str, StateVariable]) -> bool:
+        """Return whether the service changes a device: its memory, or variables that the device keeps."""
+        work = self.serve
+        if self.service == "write":
+            return True
+        if work is None or work.no_write:
+            return False
+        kept = {name for name, variable in state.items() if variable.scope == "device"} | {"clock"}
+        changes = any(target.name in kept for target, _ in work.set) or work.drop is not None
+        return changes or work.write is not None or work.update is not None or work.block is not None
 
     @property
     def sequences(self) -> set[str]:
