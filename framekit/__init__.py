@@ -1,6 +1,6 @@
 """framekit: protocols of serial field devices described in YAML, and run.
 
-The names of the API stand here; each is imported when it is first used, so that importing framekit costs nothing.
+The names of the API stand here; each is imported when it is first used, so that importing framekit is fast.
 """
 
 from __future__ import annotations

@@ -25,6 +25,7 @@ SECTIONS: dict[str, list[str]] = {
     "Start": ["docs/first-protocol.md", "docs/editor.md", "docs/cookbook.md", "examples/README.md"],
     "How to": [
         "docs/howto/log-values.md", "docs/howto/simulate-a-device.md", "docs/howto/unknown-check.md",
+        "docs/howto/find-devices.md",
         "docs/howto/listen-between.md", "docs/howto/import-streamdevice.md", "docs/howto/import-kaitai.md",
         "docs/howto/run-as-a-service.md",
         "docs/generate-c.md", "docs/wireshark.md", "docs/kaitai.md",

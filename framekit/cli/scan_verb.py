@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from framekit.api.scan import FoundDevice, Scan
 
 HEAD = ("port", "line", "station", "answer", "time")
+"""Columns of the table; without `--hosts` it has no ports."""
 
 
 def add_scan_arguments(parser: argparse.ArgumentParser) -> None:
@@ -64,7 +65,8 @@ def run_scan(arguments: argparse.Namespace) -> int:
     with until_stopped(), ProgressLine("scan", lambda: _progress(scan, found)), in_words():
         run_in_loop(_collect(scan, found, arguments.json))
     if not arguments.json and found:
-        print(table([_row(device) for device in found], HEAD))
+        first = 0 if arguments.hosts else 1
+        print(table([_row(device)[first:] for device in found], HEAD[first:]))
     if scan.unreachable and not arguments.json:
         print(f"{plural(len(scan.unreachable), 'host')} without a connection")
     if not found:

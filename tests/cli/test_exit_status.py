@@ -61,6 +61,9 @@ CASES: dict[tuple[str, int], list[str]] = {
     ("call", 1): [*DEVICE, "exchange_words", "address=65535", "count=2", "write_address=1", "values=0001"],
     ("call", 2): [*DEVICE, "nothing"],
     ("call", 3): [*NO_DEVICE, "identify"],
+    ("scan", 1): [GONE, "bad.yaml"],
+    ("scan", 2): ["tcp://{host}", "modbus-tcp"],
+    ("scan", 3): [GONE, "modbus-tcp"],
     ("commreq", 2): ["ccm", "5", "0", "8"],
     ("commreq", 3): ["ccm", "--port", GONE, "6101", "1", "1", "1", "2", "1"],
     ("run", 1): ["bad.run.yaml"],
@@ -100,8 +103,8 @@ CASES: dict[tuple[str, int], list[str]] = {
 """What ends so. `commreq` with 1 is shown in docs/cli.md, and tested with the verb."""
 
 WITH_JSON = {
-    "encode", "decode", "read", "write", "call", "commreq", "run", "fleet", "serve", "monitor", "record", "guess",
-    "diff", "replay",
+    "encode", "decode", "read", "write", "call", "scan", "commreq", "run", "fleet", "serve", "monitor", "record",
+    "guess", "diff", "replay",
 }  # fmt: skip
 """Verbs with `--json` whose errors are objects. `check`, `test` and `loopback` print what they found as always."""
 

@@ -18,12 +18,15 @@ from framekit.cli.verb_table import EXAMPLES, GROUPS, VERBS
 IN_THE_TEST = {
     "/dev/ttyUSB0": "loop://",
     "broker.local": "127.0.0.1:1",
+    "tcp://{host}": "tcp://{host}:1",
+    "10.0.0.0/28": "127.0.0.1/32",
     "tcp-listen://127.0.0.1:5020": "tcp-listen://127.0.0.1:0",
 }
 """Words of examples that need hardware or a server, and their substitutes."""
-ONE_EXCHANGE = ("read", "write", "call")
+ONE_EXCHANGE = ("read", "write", "call", "scan")
 ENDLESS = ("edit", "serve", "monitor", "record", "run")
 STATUS = {
+    "framekit scan tcp://{host} modbus-tcp --hosts 10.0.0.0/28 --stations 1 --json": 3,  # nothing listens there
     "framekit fleet broker.local": 1,  # no broker is present
     "framekit fleet broker.local --watch --for 10s": 1,
     "framekit record /dev/ttyUSB0 --try --speeds 9600,19200": 1,  # nothing is on that line
