@@ -65,6 +65,8 @@ class EditSession:
             "form": self._form,
             "build": self._build,
             "cell": self._cell,
+            "offer": self._offer,
+            "try": self._try,
             "save": self._save,
         }
 
@@ -175,6 +177,15 @@ class EditSession:
             return {**head, "why": "only with the token"}
         self._text = _text(text)
         return await self._asked(head, "remove" if remove else "change", given, quick=True)
+
+    async def _offer(self, given: Any, told: Told) -> Message:
+        """Return the services that can be tried."""
+        return await self._asked({"offer": True}, "offer", {})
+
+    async def _try(self, service: Any, told: Told) -> Message:
+        """Return the frames and the result of a request to a simulated device, or of a run."""
+        given = {name: plain_text(told.get(name)) for name in ("address", "values", "station")}
+        return await self._asked({"try": service}, "trial", {"service": plain_text(service), **given})
 
     async def _asked(self, head: Message, do: str, given: Message, quick: bool = False) -> Message:
         """Return the answer of a process about the text of this session after a head, or why there is no answer."""

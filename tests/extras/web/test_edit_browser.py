@@ -182,6 +182,26 @@ def test_a_table_writes_yaml_and_keeps_comments(tmp_path: Path) -> None:
 
 
 @needs_chromium
+def test_a_device_is_tried(tmp_path: Path) -> None:
+    (tmp_path / "hall").mkdir()
+    device = "device: meter\nprotocol: modbus-rtu\nstation: 3\nmemory: {set: {'40001': [7, 8]}}\n"
+    written(tmp_path / "hall", device, "meter.device.yaml")
+    with editor(tmp_path, "hall") as page:
+        page.click("[data-tab=trial]")
+        page.until(lambda: page.text("#trial button") == "Try it")
+        page.type("[data-trial=address]", "40001")
+        page.click("#trial button")
+        page.until(lambda: page.text("#trial .result") == "Done · values 7")
+        page.click("#trial details:nth-child(2) summary")
+        page.until(lambda: "values" in page.text("#trial .fields"))
+        picture(page, "edit-try.png")
+        page.type("[data-trial=address]", "nowhere")
+        page.click("#trial button")
+        page.until(lambda: "is not an address" in page.text("#trial .why"))
+        assert page.errors() == []
+
+
+@needs_chromium
 def test_without_the_token_the_text_is_read_only_and_nothing_is_saved(tmp_path: Path) -> None:
     path = written(tmp_path)
     with editor(tmp_path, token=False) as page:

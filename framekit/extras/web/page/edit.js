@@ -2,18 +2,21 @@
 import { Form, showFrames, showReadings, showSequences } from "./edit_bytes.js";
 import { Tables } from "./edit_table.js";
 import { TextField } from "./edit_text.js";
+import { Trial } from "./edit_trial.js";
 import { Live, at } from "./live.js";
 import { element } from "./parts.js";
 
 const PAUSE = 300;
-const TABS = [["frames", "Frames"], ["build", "Build"], ["sequences", "Sequences"]];
+const TABS = [["frames", "Frames"], ["build", "Build"], ["sequences", "Sequences"], ["trial", "Try it"]];
 
-const live = new Live({ hello, opened, checked, decoded: showReadings, form: what => form.fill(what), build: built, words: offered, cell: edited, done: saved },
+const live = new Live({ hello, opened, checked, decoded: showReadings, form: what => form.fill(what), build: built, words: offered, cell: edited,
+  offer: what => trial.offer(what), try: what => trial.show(what), done: saved },
   "edit and save", { opened: () => {}, allowed });
 const text = new TextField(at("editor"), { changed, words: (content, offset) => askWords(content, offset), save });
 const form = new Form(at("build"), (frame, inside) => live.say({ form: frame, inside, protocol: protocol() }),
   (frame, rows) => live.say({ build: frame, rows, protocol: protocol() }));
 const tables = new Tables(at("table"), change => askEdits(change), line => text.goTo(line));
+const trial = new Trial(at("trial"), ({ service, ...given }) => live.say({ try: service, ...given }));
 const kept = new Map();
 let file = "", digest = "", number = 0, waiting = 0, isOut = false, isStale = false, drawn = "", protocols = [], rows = [], edit = { number: 0, text: "" };
 
@@ -33,6 +36,7 @@ function show(id) {
     at(tab.dataset.tab).hidden = !on;
   }
   if (id === "build") form.offer(framesOf());
+  if (id === "trial") live.say({ offer: true });
 }
 
 // ---- files -------------------------------------------------------------------------------------------------------
@@ -139,6 +143,7 @@ function draw(found) {
   drawn = found ? file : "";
   showFrames(at("frames"), found, (name, frame) => { at("protocol").value = name; show("build"); form.show(frame); });
   showSequences(at("sequences"), found);
+  if (!at("trial").hidden) live.say({ offer: true });
   offerProtocols(found ?? []);
 }
 
