@@ -83,8 +83,8 @@ def test_points_are_filtered_grouped_and_drawn(tmp_path: Path) -> None:
     with browser() as page, program(tmp_path, "run", str(quick(tmp_path))) as (url, _):
         page.open(url)
         page.until(lambda: value(page, "level") not in ("", "–", "-"))
-        assert [row[4] for row in page.rows("points")] == ["good"] * 3
-        page.until(lambda: page.rows("points")[0][5].endswith(" s"))
+        assert [row[5] for row in page.rows("points")] == ["good"] * 3
+        page.until(lambda: page.rows("points")[0][6].endswith(" s"))
         page.type("#point-filter", "lev")
         page.until(lambda: [row[1] for row in page.rows("points")] == ["level"])
         page.type("#point-filter", "")
@@ -222,7 +222,7 @@ def test_a_lost_channel_turns_red_and_a_chosen_frame_shows_its_bytes(tmp_path: P
                     ".map(one => getComputedStyle(document.querySelector(one)).color)"
                 )
                 assert set(colours) == {"rgb(185, 44, 44)"}
-                page.until(lambda: not page.rows("points")[0][4].startswith("good"))
+                page.until(lambda: not page.rows("points")[0][5].startswith("good"))
                 page.until(lambda: "Channel 1" in page.text("#notices"))
                 page.click("#notices button")
                 page.until(lambda: page.run("return document.querySelector('#notices').hidden"))

@@ -61,6 +61,11 @@ def test_elements_of_an_area_are_set_and_found(tmp_path: Path) -> None:
             "const one = document.querySelector('#form'); one.value = 'hex'; one.dispatchEvent(new Event('change'))"
         )
         page.until(lambda: element(page, 1) == "FFFB")
+        narrow = {"width": 390, "height": 844, "deviceScaleFactor": 1, "mobile": True}
+        page.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", narrow)
+        page.until(lambda: page.run("return document.querySelectorAll('#areas thead th').length") == 6)
+        assert page.run("return document.documentElement.scrollWidth") <= 390
+        page.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
         page.type("#address", "10002")
         page.run("document.querySelector('#go').requestSubmit()")
         page.until(lambda: page.text("#area-tabs .on") == "input" and page.text("#areas .found") != "")

@@ -12,10 +12,12 @@ export class Points {
   // `behaves`: the points are values of devices, which behave instead of being good and having an age.
   constructor(live, { picked, marked, behaves = false }) {
     Object.assign(this, { live, behaves, list: [] });
-    const state = behaves ? [{ title: "Behaviour", look: "muted" }] : [{ title: "Quality", look: "quality" }, { title: "Age", look: "right muted" }];
+    const past = { title: "Last minute", kind: "spark" };
     const columns = [
       { title: behaves ? "Value of" : "Point", look: "strong" }, { title: "Value", look: "right" }, { title: "Unit", look: "muted" },
-      ...(behaves ? [] : state), { title: "Last minute", kind: "spark" }, { title: "", kind: "button" }, ...(behaves ? state : []),
+      { title: "", kind: "button" },
+      ...(behaves ? [past, { title: "Behaviour", look: "muted" }]
+        : [{ title: "Quality", look: "quality" }, { title: "Age", look: "right muted" }, past]),
     ];
     const button = { text: "Write", shown: row => row.writable, pressed: key => this.write(key) };
     this.grid = new Grid(at("points").querySelector(".grid"), columns, { picked, marked, button });

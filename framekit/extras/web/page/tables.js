@@ -6,7 +6,8 @@ import { ask } from "./actions.js";
 import { first } from "./words.js";
 
 const NUMBERS = /^(services|errors|frames|bad|blocks|done|failed|overruns|taken|waiting|dropped|line load|load now|count)$/;
-const ACTIONS = { blocks: "block", channels: "channel" };
+// The word on the buttons of a table.
+const ACTIONS = { blocks: "Fire", channels: "Switch" };
 
 export class Tables {
   constructor(live) {
@@ -31,7 +32,7 @@ export class Tables {
     tab.addEventListener("click", () => this.show(name));
     const columns = head.map(text => ({ title: first(text), look: NUMBERS.test(text) ? "right" : "" }));
     const has_actions = controls && ACTIONS[name];
-    const button = has_actions ? { text: "Act", shown: () => true, pressed: key => this.question(name, key) } : null;
+    const button = has_actions ? { text: ACTIONS[name], shown: () => true, pressed: key => this.question(name, key) } : null;
     if (has_actions) columns.push({ title: "", kind: "button" });
     return { place, tab, head, rows: new Map(), grid: new Grid(place, columns, { button, picked: () => {} }) };
   }
