@@ -11,6 +11,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import UNIT_BITS
 from framekit.definition.problems import Problem, did_you_mean
 from framekit.definition.times import NEVER
+from framekit.link.addresses import AddressError, AddressGrammar
 from framekit.link.packing import memory_of, values_of
 from framekit.memory.memory import Area, DeviceMemory, LateArea, unit_bits
 from framekit.memory.profile import BlockItem, BlockWords, MemoryProfile
@@ -318,6 +319,8 @@ class BlockSettings:
         self._sections = tuple(section for section in sections if any(name in SETTINGS for name in section.items))
         self._protocols: dict[Key, Protocol] = {}
         self._given: dict[Key, list[Given]] = {}
+        self._grammars: dict[str, AddressGrammar] = {}
+        """The address grammars of protocols, by name, for addresses from memory."""
 
     def show(self, block: Block, protocol: Protocol) -> Sequence[Given]:
         """Write the settings of a block, as the run defines them, to its words."""
@@ -371,7 +374,7 @@ class BlockSettings:
 
         Restore words that are shown only, if something else was written there.
 
-        Raise SettingError for a station or a size that the block cannot work with.
+        Raise SettingError for a station, an address or a size that the block cannot work with.
         """
         changed = block
         for given in self._given.get((block.set, block.number), ()):
@@ -398,6 +401,9 @@ class BlockSettings:
         settable = [(item, slot, get_item(words, item)) for item, slot in self._settable(block, section)]
         for item, _, value in settable:
             put_item(shown, item, value)
+        targets = [(item, at) for item, at in _targets_in(block, section) if _text_in(words, item)]
+        for item, _ in targets:
+            shown[item.word : item.word + item.words] = words[item.word : item.word + item.words]
         if shown != words:
             given.area.write("word", given.first, shown, force=True)
         for item, slot, value in settable:
@@ -405,6 +411,11 @@ class BlockSettings:
                 where = f"{section.area} word {section.base(block.set, block.number) + item.word}"
                 with_it = self._with_station if slot is None else partial(self._with_size, slot)
                 block = with_it(block, value, where)
+        for item, at in targets:
+            text = _text_in(words, item)
+            if text != _text_in(given.words, item):
+                where = f"{section.area} word {section.base(block.set, block.number) + item.word}"
+                block = self._with_target(block, at, text, where)
         return block
 
     def _settable(self, block: Block, section: BlockWords) -> Iterator[tuple[BlockItem, _Slot | None]]:
@@ -424,6 +435,25 @@ class BlockSettings:
         if limits is not None and not limits[0] <= station <= limits[1]:
             raise SettingError(f"station {station} in {where} is not in {limits[0]}..{limits[1]}")
         return replace(block, station=station)
+
+    def _with_target(self, block: Block, at: int, text: str, where: str) -> Block:
+        """Return the block with another address of the other side, which has the same unit."""
+        protocol = self._protocols[block.set, block.number]
+        grammar = self._grammars.get(protocol.name)
+        if grammar is None:
+            grammar = self._grammars[protocol.name] = AddressGrammar(
+                protocol.addresses, protocol.areas, protocol.tables
+            )
+        try:
+            address = grammar.parse(text, block.unit)
+            grammar.check(address, block.count if len(block.targets) == 1 else 1)
+        except AddressError as error:
+            raise SettingError(f"'{text}' in {where}: {error}") from None
+        if (block.unit or address.unit) != block.units[at]:
+            raise SettingError(f"'{text}' in {where} is a {address.unit}, and the block moves {block.units[at]}s")
+        if block.instruction == "write" and protocol.areas[address.area].access == "read":
+            raise SettingError(f"'{text}' in {where} is in area {address.area}, which can only be read")
+        return replace(block, targets=(*block.targets[:at], text, *block.targets[at + 1 :]))
 
     def _with_size(self, slot: _Slot, block: Block, size: int, where: str) -> Block:
         assert slot.sets is not None
@@ -452,6 +482,20 @@ def slots_of(block: Block, protocol: Protocol) -> list[_Slot]:
         _Slot(place.text, block.sizes.get(name) or fixed[name] or 0, name if name in block.sizes else None)
         for name, place in list(block.data.items())[:SLOTS]
     ]
+
+
+def _targets_in(block: Block, section: BlockWords) -> Iterator[tuple[BlockItem, int]]:
+    """Yield the items with addresses of the other side, each with the number of its variable."""
+    if block.instruction in ("read", "write"):
+        for name, item in section.items.items():
+            if name in PLACES and PLACES[name][0] == block.instruction and PLACES[name][1] < len(block.targets):
+                yield item, PLACES[name][1]
+
+
+def _text_in(words: Sequence[int], item: BlockItem) -> str:
+    """Return the address in the words of an item; other characters than those of addresses remain, and fit no form."""
+    data = b"".join(word.to_bytes(2, "little") for word in words[item.word : item.word + item.words])
+    return data.rstrip(b"\0").decode("latin-1")
 
 
 def _as_words(text: str, item: BlockItem) -> list[tuple[BlockItem, int]]:

@@ -208,9 +208,12 @@ def test_a_changed_size_counts_where_it_can(run: RunModel) -> None:
     memory.write("N", "word", 2 * 41 + 25, [9])
     with pytest.raises(SettingError, match="no room from D32760 on"):
         settings.effective(run.blocks[2])
-    memory.write("N", "word", 1, [0x4141])
+    memory.write("N", "word", 1, [int.from_bytes(b"P0", "little")])
     memory.write("N", "word", 5, [10])
-    assert settings.effective(run.blocks[0]).targets == ("M0100",), "places are only shown"
+    assert settings.effective(run.blocks[0]).targets == ("P0100",)
+    memory.write("N", "word", 1, [0x4141])
+    with pytest.raises(SettingError, match="'AA100' in N word 1: 'AA100' is not an address"):
+        settings.effective(run.blocks[0])
 
 
 def test_a_station_from_elsewhere_is_shown(run: RunModel) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+import pytest
+
 from framekit.api.run import run_status
 from framekit.run.block_state import ErrorCode
 from framekit.runfile.run_file import load_run
@@ -114,18 +116,17 @@ def test_a_changed_station_word_redirects_the_next_exchange(tmp_path: Path) -> N
 
 
 def test_what_is_only_shown_is_put_back_at_the_next_exchange(tmp_path: Path) -> None:
-    """The variable's address, that of one there is not, and the size of a single variable; the station counts."""
+    """The address of a variable that the block lacks, and the size of a single variable; the station counts."""
     bench = Bench(tmp_path, RUN.replace("STATUS", "yes"))
     shown = bench.memory.read("N", "word", 0, 41)
     assert shown[:3] == [1, int.from_bytes(b"40", "little"), int.from_bytes(b"00", "little")]
-    bench.memory.write("N", "word", 2, [int.from_bytes(b"01", "little"), 0x3939])
     bench.memory.write("N", "word", 11, [1, 2, 3, 4, 5])
     bench.memory.write("N", "word", 40, [7])
     done = bench.service.states[0].done
     bench.clock.run_for(2 * SECOND)
     assert bench.service.states[0].done > done
     assert bench.memory.read("N", "word", 0, 41) == shown
-    bench.memory.write("N", "word", 0, [2, 0x3939])
+    bench.memory.write("N", "word", 0, [2])
     bench.clock.run_for(2 * SECOND)
     assert bench.memory.read("N", "word", 0, 41) == [2, *shown[1:]]
     assert bench.memory.read("M", "word", 100) == [22]
@@ -215,3 +216,52 @@ def test_a_frame_that_comes_damaged_is_an_abnormal_completion_of_the_block_that_
     assert bench.counts(1) == (sent // 2, sent // 2), "a block that is off fails no more than it takes"
     states = bench.service.states.values()
     assert all(one.started == one.done + one.failed for one in states)
+
+
+def address_words(text: str) -> list[int]:
+    data = text.encode().ljust(8, b"\0")
+    return [int.from_bytes(data[at : at + 2], "little") for at in range(0, 8, 2)]
+
+
+def test_an_address_in_memory_redirects_the_next_exchange(tmp_path: Path) -> None:
+    """Table 81 of the Snet guide: addresses of the other side and sizes change while the run goes on."""
+    block = '{read: "40001", station: 1, into: M100, every: 1 s}'
+    larger = '{read: "40001", station: 2, into: M110, count: 2, every: 1 s}'
+    run = RUN.replace("STATUS", "yes").replace(block, larger)
+    bench = Bench(tmp_path, run)
+    bench.clock.run_for(SECOND + SECOND // 2)
+    assert bench.memory.read("M", "word", 110, 2) == [22, 23]
+    bench.memory.write("N", "word", 1, address_words("40002"))
+    bench.clock.run_for(SECOND)
+    assert bench.memory.read("M", "word", 110, 2) == [23, 24]
+    assert bench.memory.read("N", "word", 1, 4) == address_words("40002"), "it stays"
+    bench.memory.write("N", "word", 5, [1])
+    bench.memory.write("N", "word", 1, address_words("40003"))
+    bench.clock.run_for(SECOND)
+    assert bench.memory.read("M", "word", 110, 2) == [24, 24], "one element of the size in memory"
+    assert bench.counts(0) == (3, 0)
+
+
+@pytest.mark.parametrize("text", ["4000", "M100", "00001", "49999999", "40001\x01", "\xff"])
+def test_an_impossible_address_in_memory_sends_nothing(tmp_path: Path, text: str) -> None:
+    bench = Bench(tmp_path, RUN.replace("STATUS", "yes"))
+    bench.clock.run_for(SECOND + SECOND // 2)
+    data = text.encode("latin-1").ljust(8, b"\0")
+    bench.memory.write("N", "word", 1, [int.from_bytes(data[at : at + 2], "little") for at in range(0, 8, 2)])
+    bench.clock.run_for(SECOND)
+    assert bench.counts(0) == (1, 1)
+    assert bench.shown(0)[1] == ErrorCode.BAD_SETTING
+    bench.memory.write("N", "word", 1, address_words("40001"))
+    bench.clock.run_for(SECOND)
+    assert bench.counts(0) == (2, 1)
+
+
+def test_a_write_keeps_out_of_areas_that_can_only_be_read(tmp_path: Path) -> None:
+    block = '{read: "40001", station: 1, into: M100, every: 1 s}'
+    write = '{write: "40001", station: 1, from: M100, every: 1 s}'
+    run = RUN.replace("STATUS", "yes").replace(block, write)
+    bench = Bench(tmp_path, run)
+    bench.memory.write("N", "word", 21, address_words("30001"))
+    bench.clock.run_for(SECOND + SECOND // 2)
+    assert bench.counts(0) == (0, 1)
+    assert bench.shown(0)[1] == ErrorCode.BAD_SETTING
