@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 from docs.example_keys import Used, examples
-from docs.pages import GUIDE, PAGES, ROOT, anchors, links, sentences, snippets
+from docs.pages import DOCS, GUIDE, PAGES, ROOT, anchors, links, sentences, snippets
 
 from framekit.definition.keys import properties_of
 from framekit.definition.sources import shipped_folder
@@ -35,6 +35,14 @@ def test_every_example_is_a_file_that_a_command_reads(page: Path) -> None:
         if snippet.kind == "yaml":
             assert snippet.file is not None, f"line {snippet.line}: begin the block with '# file: NAME'"
             assert read_by(snippet.file) in read, f"line {snippet.line}: no command reads {snippet.file}"
+
+
+def test_the_list_of_pages_is_whole() -> None:
+    listed = {str((DOCS / file).resolve()) for file, _ in links(DOCS / "README.md")}
+    guide = {DOCS / "language" / page for page, _ in links(DOCS / "language.md")}
+    assert [name(page) for page in DOCS.glob("**/*.md") if str(page) not in listed and page not in guide] == [
+        "docs/README.md"
+    ]
 
 
 def read_by(file: str) -> str:
