@@ -31,7 +31,8 @@ SECTIONS: dict[str, list[str]] = {
         "docs/generate-c.md", "docs/wireshark.md", "docs/kaitai.md",
     ],
     "Devices and lines": [
-        "docs/run-files.md", "docs/servers.md", "docs/behave.md", "docs/lines.md", "docs/faults.md", "docs/jobs.md",
+        "docs/run-files.md", "docs/run-memory.md", "docs/run-commands.md", "docs/run-stations.md", "docs/run-edits.md",
+        "docs/servers.md", "docs/behave.md", "docs/lines.md", "docs/faults.md", "docs/jobs.md",
         "docs/diagnosis.md", "docs/unknown.md", "docs/guess.md", "docs/web.md", "docs/exposing.md", "docs/systems.md",
     ],
     "Values": ["docs/points.md", "docs/sinks.md", "docs/fleets.md"],
