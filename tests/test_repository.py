@@ -11,7 +11,7 @@ CODE = sorted((ROOT / "framekit").rglob("*.py"))
 NAMES = re.compile(r"\b(mldp|modbus|snpx?|snp-x|df1|pccc|ccm|srtp|xgt|commreq)\b", re.IGNORECASE)
 
 
-VERB = re.compile(r'^    "commreq": "')
+VERB = re.compile(r'^ {8}"commreq": "')
 """A verb that users know by the name of the instruction it stands for."""
 
 

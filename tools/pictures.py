@@ -1,7 +1,8 @@
 """Terminal pictures for the docs, made of real runs: `python tools/pictures.py` writes `docs/images/terminal-*.svg`.
 
-Each command runs in a terminal of its own, in a copy of `examples`. The picture shows the screen as it was before the
-table of a run, if any, was erased. The extra `terminal` has the library that draws it.
+Each command runs in a terminal of its own, in a copy of `examples`, or in the folder of the project. The picture
+shows the screen as it was before the table of a run, if any, was erased. The extra `terminal` has the library that
+draws it.
 """
 
 from __future__ import annotations
@@ -53,10 +54,11 @@ FORMAT = """\
 
 
 class Picture(NamedTuple):
-    """A picture: its name, the command, and whether the last drawing is shown in place of the whole output."""
+    """A picture: its name, the command, its folder, and whether the last drawing is shown in place of the output."""
 
     name: str
     command: str
+    folder: str = "examples"
     last_drawing: bool = False
 
     @property
@@ -65,10 +67,9 @@ class Picture(NamedTuple):
 
 
 PICTURES = (
-    Picture("demo", "framekit demo --fast"),
+    Picture("demo", "framekit demo --fast", folder=""),
     Picture("run", "framekit run oven.run.yaml --for 12s", last_drawing=True),
-    Picture("scan", "framekit scan sim:six-stations.yaml modbus-rtu --stations 1..10 --timeout 50ms"),
-    Picture("help", "framekit --help"),
+    Picture("scan", "framekit scan sim:remote-io-1.device.yaml,remote-io-3.device.yaml modbus-rtu --timeout 50ms"),
 )
 
 
@@ -76,8 +77,10 @@ def output_of(command: str, folder: Path) -> str:
     """Return the output of a command on a terminal."""
     main, side = pty.openpty()
     fcntl.ioctl(side, termios.TIOCSWINSZ, struct.pack("HHHH", HEIGHT, WIDTH, 0, 0))
-    words = [sys.executable, "-m", "framekit", *shlex.split(command)[1:]]
+    programs = str(Path(sys.executable).parent)
     environment = {**os.environ, "TERM": "xterm-256color", "COLUMNS": str(WIDTH), "LINES": str(HEIGHT)}
+    environment["PATH"] = os.pathsep.join([programs, os.environ.get("PATH", "")])
+    words = [f"{programs}/framekit", *shlex.split(command)[1:]]
     environment.pop("NO_COLOR", None)
     with subprocess.Popen(words, cwd=folder, stdin=side, stdout=side, stderr=side, env=environment):
         os.close(side)
@@ -113,7 +116,7 @@ def screen_of(output: str, last_drawing: bool) -> str:
 
 
 def _write(lines: list[str], text: str) -> None:
-    first, *others = text.replace("\r\n", "\n").split("\n")
+    first, *others = re.sub("\r+\n", "\n", text).split("\n")
     lines[-1] += first
     lines += others
 
@@ -127,15 +130,19 @@ def svg_of(command: str, screen: str) -> str:
         return console.export_svg(title="framekit", code_format=FORMAT, unique_id="terminal")
 
 
-def main() -> None:
+def main(names: list[str]) -> None:
+    """Make the pictures with these names, or all."""
     with tempfile.TemporaryDirectory() as folder:
         examples = Path(folder) / "examples"
         shutil.copytree(ROOT / "examples", examples)
         for picture in PICTURES:
-            screen = screen_of(output_of(picture.command, examples), picture.last_drawing)
+            if names and picture.name not in names:
+                continue
+            place = examples if picture.folder else ROOT
+            screen = screen_of(output_of(picture.command, place), picture.last_drawing)
             picture.file.write_text(svg_of(picture.command, screen), "utf-8")
             print(picture.file.relative_to(ROOT))
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

@@ -62,15 +62,15 @@ def run_demo(arguments: argparse.Namespace) -> int:
         print(f"\n{_frame_text(log, entry)}")
     print("\nTry next:")
     command = "framekit" if which("framekit") else sys.argv[0]
-    rows = [
-        ("", f"{command} run {_shown(run)}", "the same run, until Ctrl-C"),
+    for about, words in (
+        ("the same run, until Ctrl-C", f"run {_shown(run)}"),
         (
-            "", f"{command} read {channel.protocol.name} --port sim:{_shown(device)} --station 5 40001 -n 3",
             "values of a device, once",
+            f"read {channel.protocol.name} --port sim:{_shown(device)} --station 5 40001 -n 3",
         ),
-        ("", f"{command} --help", "all verbs, by task"),
-    ]  # fmt: skip
-    print(table(rows[1:], rows[0]))
+        ("all verbs, by task", "--help"),
+    ):
+        print(f"  {about}:\n    {command} {words}")
     return 0
 
 

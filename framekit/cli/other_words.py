@@ -41,7 +41,7 @@ _STATION = "write --station"
 _SPEED = "write --speed"
 _FORMAT = "write --format, such as 8E1"
 _ADDRESS = "write addresses without an option, such as 40001 or holding:0x10"
-_PROTOCOL = "write the name of the protocol, such as modbus-rtu"
+_PROTOCOL = "write the name of the protocol: framekit frames lists them"
 _EVERY = "write --every, such as --every 1s"
 OPTIONS_MEANT = {
     **dict.fromkeys(("--baud", "--baudrate", "--baud-rate", "--bitrate"), _SPEED),

@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 
 from framekit import __version__
 from framekit.cli.common import WordsError, print_error_data
-from framekit.cli.verb_table import EXAMPLES, VERBS, examples_text, overview
+from framekit.cli.verb_table import VERBS, examples_text, overview
 from framekit.definition import PATH_VARIABLE, ROOT_VARIABLE
 
 TOGETHER = {
@@ -75,6 +75,7 @@ class Parser(argparse.ArgumentParser):
     def format_help(self) -> str:
         """Return the help text; that of the whole command line lists the verbs by groups."""
         if self.verb:
+            self.epilog = examples_text(self.verb)
             return super().format_help()
         formatter = self._get_formatter()
         formatter.add_usage(self.usage, self._actions, self._mutually_exclusive_groups)
@@ -163,9 +164,7 @@ def build_parser(only: str | None = None) -> Parser:
     )
     verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True, prog="framekit")
     for verb, about in VERBS.items() if not only else [(only, VERBS[only])]:
-        one = parser.verbs[verb] = verbs.add_parser(
-            verb, help=about, description=about[0].upper() + about[1:] + ".", epilog=examples_text(EXAMPLES[verb])
-        )
+        one = parser.verbs[verb] = verbs.add_parser(verb, help=about, description=about[0].upper() + about[1:] + ".")
         one.verb = verb
         if only is None or only == verb:
             function_of(verb, f"add_{verb}_arguments")(one)

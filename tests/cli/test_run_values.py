@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -174,8 +173,7 @@ def test_the_demonstration(capsys: pytest.CaptureFixture[str]) -> None:
     assert "setpoint  62.5 °C" in out
     assert "failed: no_reply" in out and out.rindex("flow") > out.index("failed")
     assert out.count("field  ") == 3 and out.count("check  ") == 3
-    words = [re.split(r" {2,}", line.strip())[0] for line in out.partition("Try next:\n")[2].splitlines()]
-    run, read, help_ = ([*line.split()][1:] for line in words)
+    run, read, help_ = (line.split()[1:] for line in out.partition("Try next:\n")[2].splitlines()[1::2])
     assert main([*run, "--virtual", "--for", "2s"]) == 0
     assert main(read) == 0
     with pytest.raises(SystemExit, match="0"):
