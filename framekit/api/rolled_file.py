@@ -52,7 +52,7 @@ async def check_apart(path: Path, content: bytes, limit: float = LONGEST_CHECK) 
     Raises DefinitionError with the problems of the file, and ValueError if the check ends without a result or is not
     complete after `limit` seconds.
     """
-    command = (sys.executable, "-c", _PROGRAM, json.dumps(sys.path), str(path))
+    command = (sys.executable, "-P", "-c", _PROGRAM, json.dumps(sys.path), str(path))
     pipe, null = asyncio.subprocess.PIPE, asyncio.subprocess.DEVNULL
     process = await asyncio.create_subprocess_exec(*command, stdin=pipe, stdout=pipe, stderr=null)
     try:

@@ -1,4 +1,4 @@
-"""`framekit edit [FILE|FOLDER]`: definitions and run files on a page that shows what they mean while they are typed."""
+"""`framekit edit [FILE|FOLDER]`: edit definitions and run files in the browser, next to their meaning."""
 
 from __future__ import annotations
 

@@ -56,6 +56,8 @@ class EditSession:
         self.visitor = Visitor(access, who)
         self._file: OpenedFile | None = None
         self._text = ""
+        self._stamp = (0, 0)
+        """The time of change and the size of the file as the browser knows it."""
         self._actions: Actions = {
             "token": lambda given, told: self.visitor.give(given),
             "open": self._open,
@@ -86,8 +88,10 @@ class EditSession:
         }  # fmt: skip
 
     def news(self) -> Iterator[Message]:
-        """Yield no updates: every answer follows a request."""
-        return iter(())
+        """Yield an update if another program has changed the open file."""
+        if self._file is not None and (stamp := self.board.folder.stamp(self._file.name)) != self._stamp:
+            self._stamp = stamp
+            yield {"outside": self._file.name}
 
     async def answer(self, told: Any) -> Message | None:
         """Execute a message and return the answer. Raises ValueError if it is no message of the page."""
@@ -102,6 +106,7 @@ class EditSession:
         except EditRefusedError as error:
             return {"opened": None, "why": str(error)}
         self._file, self._text = file, file.text
+        self._stamp = self.board.folder.stamp(file.name)
         return {"opened": file.name, "text": file.text, "digest": file.digest}
 
     async def _save(self, text: Any, told: Told) -> Message:
@@ -119,6 +124,7 @@ class EditSession:
         log.info("edit: %r saved for %s", name, self.visitor.who)
         if self._file is not None and self._file.name == name:
             self._file = OpenedFile(name, _text(text), saved)
+            self._stamp = self.board.folder.stamp(name)
         return {**answer, "saved": name, "digest": saved}
 
     # ---- meaning ------------------------------------------------------------------------------------------

@@ -103,6 +103,14 @@ class EditedFolder:
         content = _content(self.path_of(name))
         return OpenedFile(name, _text(content), digest_of(content))
 
+    def stamp(self, name: str) -> tuple[int, int]:
+        """Return time of change and size of a file, to notice changes by other programs; (0, 0) for a missing file."""
+        try:
+            found = self.path_of(name).stat()
+        except (EditRefusedError, OSError):
+            return 0, 0
+        return found.st_mtime_ns, found.st_size
+
     def save(self, name: str, text: str, digest: str) -> str:
         """Replace a file whose content on disk still has this digest; return the digest of the new content.
 

@@ -131,10 +131,13 @@ def test_words_are_completed_and_the_file_is_saved(tmp_path: Path) -> None:
         page.until(lambda: path.read_text("utf-8") == text(page))
         page.until(lambda: page.run("return document.querySelector('#changed').hidden"))
         path.write_text(LAMP, "utf-8")
+        page.until(lambda: text(page) == LAMP)
         type_in(page, "#")
+        path.write_text(LAMP + "# other", "utf-8")
+        page.until(lambda: "has changed on disk: copy" in page.text("#told"))
         type_in(page, keys.CONTROL, "s")
-        page.until(lambda: "has changed on disk" in page.text("#told"))
-        assert path.read_text("utf-8") == LAMP
+        page.until(lambda: "Not saved: lamp.yaml has changed on disk" in page.text("#told"))
+        assert path.read_text("utf-8") == LAMP + "# other"
         assert page.errors() == []
         page.run("window.onbeforeunload = null; document.querySelector('#save').click()")
 
@@ -178,6 +181,23 @@ def test_a_table_writes_yaml_and_keeps_comments(tmp_path: Path) -> None:
         page.click("#save")
         page.until(lambda: path.read_text("utf-8") == text(page))
         assert all(comment in text(page) for comment in ("# the plant", "# the levels", "# two words", "# of the tank"))
+        assert page.errors() == []
+
+
+@needs_chromium
+def test_a_telephone_shows_everything_below_each_other(tmp_path: Path) -> None:
+    path = written(tmp_path, PLANT, "plant.run.yaml")
+    written(tmp_path, "device: meter\nprotocol: modbus-rtu\nstation: 1\n", "meter.device.yaml")
+    with editor(tmp_path, str(path)) as page:
+        page.until(lambda: page.text("#table h2") == "Blocks" and page.text("#frames h3 button"))
+        page.driver.set_window_size(500, 1000)
+        page.until(lambda: page.run("return document.documentElement.scrollWidth <= innerWidth"))
+        tops = page.run("return ['table', 'definition', 'problems', 'try', 'meaning'].map(id => "
+                        "document.getElementById(id).getBoundingClientRect().top)")  # fmt: skip
+        assert tops == sorted(tops)
+        before = page.run("return getComputedStyle(document.body).backgroundColor")
+        page.click("#theme")
+        page.until(lambda: page.run("return getComputedStyle(document.body).backgroundColor") != before)
         assert page.errors() == []
 
 

@@ -104,6 +104,20 @@ def test_a_file_that_changed_meanwhile_is_not_saved(tmp_path: Path) -> None:
     assert path.read_text("utf-8") == "protocol: other\n"
 
 
+def test_a_change_by_another_program_is_reported_once(tmp_path: Path) -> None:
+    path, session = written(tmp_path), session_of(tmp_path)
+    assert list(session.news()) == []
+    (opened,) = told(session, {"open": "lamp.yaml"})
+    assert list(session.news()) == []
+    (saved,) = told(session, {"save": LAMP + "#", "file": "lamp.yaml", "digest": opened["digest"], "id": 1})
+    assert "why" not in saved and list(session.news()) == []
+    path.write_text(LAMP + "# other", "utf-8")
+    assert list(session.news()) == [{"outside": "lamp.yaml"}]
+    assert list(session.news()) == []
+    path.unlink()
+    assert list(session.news()) == [{"outside": "lamp.yaml"}]
+
+
 @pytest.mark.parametrize(
     ("content", "why"), [(b"a: \xff", "not UTF-8"), (b"#" * (LARGEST_TEXT + 1), "another program")]
 )  # fmt: skip

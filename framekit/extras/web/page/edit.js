@@ -9,7 +9,7 @@ import { element } from "./parts.js";
 const PAUSE = 300;
 const TABS = [["frames", "Frames"], ["build", "Build"], ["sequences", "Sequences"], ["trial", "Try it"]];
 
-const live = new Live({ hello, opened, checked, decoded: showReadings, form: what => form.fill(what), build: built, words: offered, cell: edited,
+const live = new Live({ hello, opened, checked, decoded: showReadings, form: what => form.fill(what), build: built, words: offered, cell: edited, outside,
   offer: what => trial.offer(what), try: what => trial.show(what), done: saved },
   "edit and save", { opened: () => {}, allowed });
 const text = new TextField(at("editor"), { changed, words: (content, offset) => askWords(content, offset), save });
@@ -66,6 +66,13 @@ function opened(what) {
   isOut = false;
   unsaved();
   check();
+}
+
+// Another program has changed the file: its text comes again, unless changes of the user would be lost.
+function outside(what) {
+  if (what.outside !== file) return;
+  if (text.text === text.stored) live.say({ open: file });
+  else live.tell(`${file} has changed on disk: copy your changes, and open it again`);
 }
 
 // Keeps the changes of a file that are not saved, while another one is edited.

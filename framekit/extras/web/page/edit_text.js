@@ -2,7 +2,7 @@
 // list of completions.
 import { element } from "./parts.js";
 
-const LINE = 20, LONGEST_PAINTED = 2000, ROOM = 8, MOST_WORDS = 60;
+const LINE = 20, LONGEST_PAINTED = 2000, ROOM = 8, MOST_WORDS = 60, LONGEST_ASKED = 100_000;
 const TOKEN = /(\s+)|("(?:[^"\\]|\\.)*"?|'(?:[^']|'')*'?)|([{}[\],]|-(?=\s|$)|:(?=\s|$))|([^\s{}[\],#:"'][^{}[\],#:]*?(?=:(?:\s|$)))|([^\s{}[\],]+)/y;
 const LOOKS = ["", "quoted", "sign", "key", ""];
 
@@ -78,7 +78,8 @@ export class TextField {
     this.split();
     this.changed(this.area.value);
     const { selectionStart: at } = this.area, before = this.area.value.slice(0, at);
-    if (!this.list.hidden || /(^|[\s{,[])[A-Za-z][\w.-]*$/.test(before)) this.ask();
+    if (this.area.value.length > LONGEST_ASKED) this.close();  // a long text is sent with Ctrl+Space only
+    else if (!this.list.hidden || /(^|[\s{,[])[A-Za-z][\w.-]*$/.test(before)) this.ask();
     else this.close();
   }
 
