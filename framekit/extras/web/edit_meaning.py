@@ -117,7 +117,7 @@ class _Protocol:
     def __init__(self, path: Path, name: str) -> None:
         protocols = protocols_of(path)
         if name not in protocols:
-            raise ValueError("correct the definition first")
+            raise ValueError(f"This file has no protocol '{name}'" if protocols else "This file has no frames")
         self.definition = protocols[name]
         self.codec: Codec = compile_protocol(self.definition)
         self.scope = Scope(self.definition)

@@ -97,6 +97,13 @@ def test_with_a_wrong_definition_no_bytes_are_read(lamp: Path) -> None:
     assert asked("form", lamp, wrong, protocol="lamp", frame="SWITCH")["why"] == "Correct the definition first"
 
 
+def test_a_file_without_frames_says_so(tmp_path: Path) -> None:
+    path = written(tmp_path, "points: a\nvalues: {x: {address: M1}}\n", "a.points.yaml")
+    assert asked("look", path)["protocols"] == []
+    assert asked("decode", path, protocol="", data="02")["why"] == "This file has no frames"
+    assert asked("form", written(tmp_path), protocol="x", frame="y")["why"] == "This file has no protocol 'x'"
+
+
 def test_a_form_builds_a_frame(lamp: Path) -> None:
     form = asked("form", lamp, protocol="lamp", frame="SWITCH")
     assert [row[0] for row in form["rows"]] == [["station"], ["level"]]
