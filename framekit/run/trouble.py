@@ -203,8 +203,8 @@ class TroubleSource:
         with self._troubles.lock:
             self.reason = ""
 
-    def ends(self) -> None:
-        """Report that the part works again, if it failed."""
+    def ends(self, well: str = "") -> None:
+        """Report that the part works again, if it failed; `well` replaces the sentence for that."""
         with self._troubles.lock:
             before, self.reason = self.reason, ""
             if not before:
@@ -213,7 +213,7 @@ class TroubleSource:
             duration, self._since = now - self._since, now
             count, self._loss_reported = self._count(), False
             lost = count.lost - self._lost_before
-        text = f"{self.name}: {self._well} after {lasted(duration)}"
+        text = f"{self.name}: {well or self._well} after {lasted(duration)}"
         if self._unit:
             text += f", {_loss(lost, self._unit, count.points) or f'no {self._unit} was lost'}"
         self._report("ends", text)

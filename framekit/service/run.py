@@ -46,7 +46,7 @@ from framekit.service.points import PointService
 from framekit.service.run_loop import RunLoop
 from framekit.service.sinks import SinkHost, SinkService
 from framekit.service.state import StateFile, StateKeeper
-from framekit.service.value_troubles import BLOCK, PORT, WAIT, Item, ValueTroubles
+from framekit.service.value_troubles import BLOCK, PORT, Item, ValueTroubles
 from framekit.transport.clock import Clock, date_at
 from framekit.transport.schemes import without_files
 
@@ -189,7 +189,7 @@ class RunService(ChannelOwner):
         self.troubles = Troubles(clock.now)
         self._slow: dict[tuple[int, Hashable], TroubleSource] = {}
         """Trouble of stations that answer after the time limit, by channel and station."""
-        self.values = ValueTroubles(self.troubles, clock, lambda: self.run.blocks, lambda: self.run.points)
+        self.values = ValueTroubles(self.troubles, clock, lambda: self.run, self._starts_by_itself)
         self.points.table.on_quality = self._point_changed
         self.sinks = SinkService(run.sinks, run.points, self.points.table, clock, host, self.troubles)
         self.keeper = self._keeper()
@@ -275,7 +275,9 @@ class RunService(ChannelOwner):
 
     def waits(self, channel: int, station: Hashable, until: int) -> None:
         """Report that no request is sent to a station before `until`, because late replies may come."""
-        self.values.waits(channel, station, until)
+        for state in self.states.values():
+            if state.running and state.block.channel == channel:
+                self.values.waits(state.block, self._station_of(state), until)
 
     def _point_changed(self, point: Point, quality: str, why: str) -> None:
         """Report a point without a good value, with the channel and station of its first block."""
@@ -294,7 +296,7 @@ class RunService(ChannelOwner):
         if not ok and state.last_failure is not None:
             self.values.failed(state.block, self._station_of(state), state.last_failure)
         elif not self.values.is_quiet:
-            self.values.good(state.block, self._station_of(state))
+            self.values.good(state.block)
         if self.on_end is not None:
             undisturbed(self.on_end, state, ok)
 
@@ -309,14 +311,20 @@ class RunService(ChannelOwner):
             if at_work is None or not at_work.is_on:
                 return True
             kind, what = item
-            if kind in (PORT, WAIT):
+            if kind == PORT:
                 return False
-            points = () if kind == BLOCK else self.run.points
-            blocks = {what, *(block for point in points if point.name == what for block in point.blocks)}
-            states = [state for state in self.states.values() if state.id in blocks and state.id not in changed]
-            return not any(state.enabled for state in states)
+            blocks = (what,) if kind == BLOCK else blocks_of.get(what, ())
+            return not any(number not in changed and number in enabled for number in blocks)
 
-        self.values.forget(is_idle)
+        if not self.values.is_quiet:
+            blocks_of: dict[Hashable, tuple[int, ...]] = {point.name: tuple(point.blocks) for point in self.run.points}
+            enabled = {state.id for state in self.states.values() if state.enabled}
+            self.values.forget(is_idle)
+
+    def _starts_by_itself(self, channel: int) -> bool:
+        """Return whether an enabled block with a period asks on a channel."""
+        states = (state for state in self.states.values() if state.block.channel == channel)
+        return any(state.enabled and state.period and state.block.job is None for state in states)
 
     # ---- reports of the channels --------------------------------------------------------------------------
 
@@ -380,7 +388,7 @@ class RunService(ChannelOwner):
 
     def stop(self) -> None:
         """Stop: no further block starts, ports are closed, and the state is kept."""
-        self.values.flush()
+        self.values.end()
         self.running = False
         self.scheduler.end()
         self._stop_jobs()

@@ -1,15 +1,15 @@
 """Report that values do not come: from which channel and station, why, and for which points and blocks.
 
 The failures of a channel and station are one trouble. It begins when an exchange fails, a port is lost, a point cannot
-be decoded, or the line waits for late replies; it ends when each of its blocks and points has a good value again.
+be decoded, or a request waits for late replies; it ends when each of its blocks and points has a good value again.
 """
 
 from __future__ import annotations
 
 import re
 from collections import Counter, deque
-from collections.abc import Callable, Hashable, Iterable
-from functools import partial
+from collections.abc import Callable, Hashable
+from operator import itemgetter
 from typing import NamedTuple
 
 from framekit.codec.shown import shown
@@ -17,7 +17,7 @@ from framekit.definition.problems import plural
 from framekit.definition.times import readable_time
 from framekit.link.slow import rounded
 from framekit.run.block_state import Failure
-from framekit.run.model import POINTS_SET, Block, Point
+from framekit.run.model import POINTS_SET, Block, Point, RunModel
 from framekit.run.trouble import SECOND, Troubles
 from framekit.transport.clock import Clock, Handle
 
@@ -44,10 +44,10 @@ OWN_END = frozenset({"closed", "cancelled", "abandoned", "interrupted"})
 NUMBERS = re.compile(r"\b[0-9A-F]{2}(?: [0-9A-F]{2})*\b|\d+(?:\.\d+)?")
 """Digits and bytes of a cause, which may differ from reply to reply while the cause is the same."""
 
-BLOCK, POINT, OLD, PORT, WAIT = "block", "point", "old", "port", "wait"
+BLOCK, POINT, OLD, PORT = "block", "point", "old", "port"
 """Kinds of items."""
 Item = tuple[str, Hashable]
-"""A block (its id), a point (its name), a point whose value is too old, the port, or a wait for late replies."""
+"""A block (its id), a point (its name), a point whose value is too old, or the port."""
 
 
 class Cause(NamedTuple):
@@ -103,28 +103,36 @@ class Part:
             delay = {PORT: 0, OLD: GATHER_OLD}.get(item[0], GATHER)
             self._report_at(self._clock.now() + delay)
 
-    def well(self, *items: Item) -> None:
-        """Note items with a good value; the trouble ends with the last."""
-        known = [item for item in items if self.failing.pop(item, None) is not None]
-        if not known or self.failing:
+    def well(self, item: Item, sentence: str = "") -> None:
+        """Note an item with a good value; the trouble ends with the last, and is reported with the sentence."""
+        del self.failing[item]
+        if self.failing:
+            self._look_soon()
             return
         self._cancel()
         if self.source.reason:
-            self.source.ends()
+            self.source.ends(sentence)
 
-    def forget(self, which: Callable[[Item], bool]) -> None:
-        """Forget items that are not expected to have values any more, without a report."""
-        for item in [one for one in self.failing if which(one)]:
-            del self.failing[item]
-        if not self.failing:
+    def forget(self, item: Item) -> None:
+        """Forget an item that is not expected to have a value any more, or fails in another part, without a report."""
+        del self.failing[item]
+        if self.failing:
+            self._look_soon()
+        else:
             self._cancel()
             self.source.forget()
 
-    def flush(self) -> None:
-        """Report at once the trouble that waits for its report."""
-        if self._timer is not None and not self.source.reason:
+    def end(self) -> None:
+        """Report at once the trouble that waits for its report; no report follows."""
+        if self._timer is not None:
             self._cancel()
-            self._begin()
+            if not self.source.reason:
+                self._begin()
+
+    def _look_soon(self) -> None:
+        """Bring the reason up to date soon, after an item has gone; its cause may have been that of no other item."""
+        if self.source.reason:
+            self._report_at(self._clock.now() + GATHER)
 
     def _cancel(self) -> None:
         if self._timer is not None:
@@ -144,7 +152,7 @@ class Part:
             self._timer = self._clock.call_at(time, self._report)
 
     def _report(self) -> None:
-        """Report the causes, unless they are known; later, if the last report was a short time ago."""
+        """Show the causes in the status, and report new ones; later, if the last report was a short time ago."""
         self._timer = None
         now = self._clock.now()
         if not self.failing:
@@ -156,6 +164,7 @@ class Part:
             else:
                 self._begin()
             return
+        self.source.reason = self._reason()
         kinds, number = self._reported
         if self._kinds() <= kinds and len(self.failing) <= 2 * number:
             return
@@ -199,18 +208,49 @@ class Part:
         return self._owner.named(self.channel if (PORT, "") in items else None, items)
 
 
+class _Index:
+    """The blocks and points of a run, as reports need them."""
+
+    def __init__(self, run: RunModel) -> None:
+        self.run = run
+        self.blocks = {block.id: (at, block) for at, block in enumerate(run.blocks) if block.job is None}
+        """The blocks that are not part of a job, each with its place in the run."""
+        self.of_channel: dict[int, list[int]] = {}
+        """Their ids, by channel."""
+        stations: dict[int, set[str]] = {}
+        for _, block in self.blocks.values():
+            self.of_channel.setdefault(block.channel, []).append(block.id)
+            asked = stations.setdefault(block.channel, set())
+            asked.update([repr(block.station)] if block.station_from is None else ["", "from memory"])
+        self.shared = {channel for channel, asked in stations.items() if len(asked) > 1}
+        """The channels whose blocks ask several stations."""
+        self.points: dict[int, list[str]] = {}
+        """The names of the points, by block."""
+        for point in run.points:
+            for number in point.blocks:
+                self.points.setdefault(number, []).append(point.name)
+
+
 class ValueTroubles:
-    """The troubles of the values of a run. `blocks` and `points` return those of the run at present."""
+    """The troubles of the values of a run. `run` returns the run at present.
+
+    `expects`: whether a channel has a block that starts by itself, so that a good value shows that an open port works.
+    """
 
     def __init__(
-        self, troubles: Troubles, clock: Clock, blocks: Callable[[], Iterable[Block]],
-        points: Callable[[], Iterable[Point]],
-    ) -> None:  # fmt: skip
+        self, troubles: Troubles, clock: Clock, run: Callable[[], RunModel], expects: Callable[[int], bool]
+    ) -> None:
         self.troubles, self.clock = troubles, clock
-        self._blocks, self._points = blocks, points
+        self._run, self._expects = run, expects
+        self._known_index: _Index | None = None
         self._parts: dict[tuple[int, Hashable], Part] = {}
-        self.is_quiet = True
-        """Whether no item is without a good value."""
+        self._part_of: dict[tuple[int, Item], Part] = {}
+        """The part in which each item fails; each fails in one part at most, also if its station changes."""
+
+    @property
+    def is_quiet(self) -> bool:
+        """Return whether no item is without a good value."""
+        return not self._part_of
 
     @property
     def names(self) -> set[str]:
@@ -221,113 +261,110 @@ class ValueTroubles:
 
     def failed(self, block: Block, station: Hashable, failure: Failure) -> None:
         """Note a failed exchange of a block. Its port is open."""
-        if block.job is not None or self._is_answered(block) or failure.outcome in OWN_END:
+        if block.job is not None or _is_answered(block) or failure.outcome in OWN_END:
             return
-        part = self._fails(block.channel, station, (BLOCK, block.id), cause_of(failure_text(failure)))
-        part.failing.pop((WAIT, ""), None)
-        if (whole := self._parts.get((block.channel, None))) is not None:
-            whole.forget(lambda item: item[0] == PORT)
+        self._fails(block.channel, station, (BLOCK, block.id), cause_of(failure_text(failure)))
+        self._forget(block.channel, (PORT, ""))
 
-    def good(self, block: Block, station: Hashable) -> None:
+    def good(self, block: Block) -> None:
         """Note a good exchange of a block: its channel works. Points of the block report for themselves."""
-        for key in {(block.channel, None), self._key(block.channel, station)}:
-            if (part := self._parts.get(key)) is not None:
-                part.well((BLOCK, block.id), (PORT, ""), (WAIT, ""))
-        self._look()
+        self._well(block.channel, (BLOCK, block.id))
+        self._well(block.channel, (PORT, ""))
 
     def not_good(self, point: Point, channel: int, station: Hashable, quality: str, why: str) -> None:
         """Note a point whose data are no value, or whose value is stale; good: it has a value again."""
         if quality != "good":
             self._fails(channel, station, (OLD if quality == "stale" else POINT, point.name), cause_of(why))
-        elif (part := self._parts.get(self._key(channel, station))) is not None:
-            part.well((POINT, point.name), (OLD, point.name))
-            self._look()
+        else:
+            self._well(channel, (POINT, point.name))
+            self._well(channel, (OLD, point.name))
 
     def lost(self, channel: int, why: str) -> None:
         """Note that the port of a channel is not open; the next exchange, or `opened`, ends it."""
         self._fails(channel, None, (PORT, ""), cause_of(f"port not open: {why}"))
 
     def opened(self, channel: int) -> None:
-        """Note an open port: the trouble of a channel on which no block asks ends."""
-        part = self._parts.get((channel, None))
-        if part is not None and not any(self._asks(channel)):
-            part.well((PORT, ""))
-            self._look()
+        """Note an open port: this ends its trouble if no block starts by itself."""
+        if not self._expects(channel):
+            self._well(channel, (PORT, ""), "the port is open again")
 
-    def waits(self, channel: int, station: Hashable, until: int) -> None:
-        """Note that no request is sent before `until`, because late replies may come."""
+    def waits(self, block: Block, station: Hashable, until: int) -> None:
+        """Note that the request of a block is not sent before `until`, because late replies may come."""
         time = until - self.clock.now()
-        if time > LONG_WAIT and any(self._asks(channel)):
+        if time > LONG_WAIT and block.job is None and not _is_answered(block):
             text = f"waits up to {readable_time(rounded(time))} for late replies"
-            self._fails(channel, station, (WAIT, ""), cause_of(text))
+            self._fails(block.channel, station, (BLOCK, block.id), cause_of(text))
 
     def forget(self, which: Callable[[int, Item], bool]) -> None:
         """Forget the items of channels that are not expected to have values any more."""
-        for (channel, _), part in self._parts.items():
-            part.forget(partial(which, channel))
-        self._look()
+        for channel, item in [key for key in self._part_of if which(*key)]:
+            self._forget(channel, item)
 
-    def flush(self) -> None:
-        """Report at once the troubles that wait for their report."""
+    def end(self) -> None:
+        """Report at once the troubles that wait for their report; no report follows."""
         for part in self._parts.values():
-            part.flush()
+            part.end()
 
     # ---- parts --------------------------------------------------------------------------------------------
 
-    def _fails(self, channel: int, station: Hashable, item: Item, cause: Cause) -> Part:
-        self.is_quiet = False
+    def _fails(self, channel: int, station: Hashable, item: Item, cause: Cause) -> None:
         key = self._key(channel, station)
         part = self._parts.get(key)
         if part is None:
             where = "" if key[1] is None else f", station {shown(station)}"
             part = self._parts[key] = Part(self, channel, f"channel {channel}{where}")
+        if self._part_of.get((channel, item), part) is not part:
+            self._forget(channel, item)
+        self._part_of[channel, item] = part
         part.fails(item, cause)
-        return part
+
+    def _well(self, channel: int, item: Item, sentence: str = "") -> None:
+        part = self._part_of.pop((channel, item), None)
+        if part is not None:
+            part.well(item, sentence)
+
+    def _forget(self, channel: int, item: Item) -> None:
+        part = self._part_of.pop((channel, item), None)
+        if part is not None:
+            part.forget(item)
 
     def _key(self, channel: int, station: Hashable) -> tuple[int, Hashable]:
         """Return the key of a part: the channel alone if its blocks ask one station."""
-        asked = {repr(block.station) if block.station_from is None else "" for block in self._asks(channel)}
         key = channel, station
-        is_alone = len(asked) <= 1 and "" not in asked
-        return (channel, None) if is_alone or (key not in self._parts and len(self._parts) >= MOST_PARTS) else key
+        has_own = channel in self._index.shared and (key in self._parts or len(self._parts) < MOST_PARTS)
+        return key if has_own else (channel, None)
 
-    def _asks(self, channel: int) -> Iterable[Block]:
-        return (block for block in self._blocks() if block.channel == channel and block.job is None)
-
-    @staticmethod
-    def _is_answered(block: Block) -> bool:
-        """Return whether a program writes a point with the block, and gets the failure itself."""
-        return block.set == POINTS_SET and block.instruction == "write"
-
-    def _look(self) -> None:
-        self.is_quiet = not any(part.failing for part in self._parts.values())
+    @property
+    def _index(self) -> _Index:
+        run, known = self._run(), self._known_index
+        if known is None or known.run is not run:
+            known = self._known_index = _Index(run)
+        return known
 
     def named(self, channel: int | None, items: tuple[Item, ...]) -> str:
         """Return the points and blocks of items: `12 points without a good value (a, b, c …)`.
 
         `channel`: all its blocks count as items.
         """
+        index = self._index
         failing = {number for kind, number in items if kind == BLOCK}
-        failing |= {block.id for block in self._asks(channel)} if channel is not None else set()
-        names = [str(name) for kind, name in items if kind in (POINT, OLD)]
-        by_block: dict[Hashable, list[str]] = {}
-        for point in self._points():
-            for block in point.blocks:
-                if block in failing:
-                    by_block.setdefault(block, []).append(point.name)
-        names = sorted({*names, *(name for found in by_block.values() for name in found)})
-        blocks = [
-            block
-            for block in self._blocks()
-            if block.id in failing and block.id not in by_block and not self._is_answered(block)
-        ]
+        failing.update(() if channel is None else index.of_channel.get(channel, ()))
+        known = sorted((index.blocks[number] for number in failing if number in index.blocks), key=itemgetter(0))
+        names = {str(name) for kind, name in items if kind in (POINT, OLD)}
+        names.update(name for _, block in known for name in index.points.get(block.id, ()))
+        blocks = [block for _, block in known if block.id not in index.points and not _is_answered(block)]
         found = []
         if names:
-            found.append(f"{plural(len(names), 'point')} without a good value ({_first(names)})")
+            found.append(f"{plural(len(names), 'point')} without a good value ({_first(sorted(names))})")
         if blocks:
             labels = [f"{block.label} {block.what}" for block in blocks[:MOST_NAMED]]
             found.append(f"{plural(len(blocks), 'block')} without success ({_first(labels, len(blocks))})")
         return ", ".join(found)
+
+
+def _is_answered(block: Block) -> bool:
+    """Return whether a program writes a point with the block, and gets the failure itself."""
+    return block.set == POINTS_SET and block.instruction == "write"
 
 
 def _first(names: list[str], number: int | None = None) -> str:

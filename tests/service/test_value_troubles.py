@@ -9,8 +9,10 @@ import pytest
 
 from framekit.cli.main import main
 from framekit.link.slow import SlowStation, SlowStations
+from framekit.run.model import RunModel
 from framekit.run.trouble import TroubleReport
 from framekit.runfile.run_file import load_run
+from framekit.service import value_troubles
 from framekit.service.run import RunService, run_status
 from framekit.service.value_troubles import FIRST_PAUSE, MOST_NAMED
 from framekit.sinks.prometheus import _of_troubles
@@ -29,6 +31,26 @@ THREE = """  a: {channel: 1, address: "40001"}
   b: {channel: 1, address: "40050"}
   c: {channel: 1, address: "40099"}
 """
+
+
+BLOCKS = """run: r
+memory: masterlogic
+channels:
+  1: {port: "sim:d1.device.yaml", protocol: modbus-rtu, station: 1, faults: {seed: 3, rules: [RULES]}}
+blocks:
+  0: {read: "40001", into: D00000, channel: 1ASKED}
+"""
+
+
+def write_blocks(folder: Path, rules: str = "", asked: str = ", every: 1 s", more: str = "") -> Path:
+    """Write a run of block 0 and `more` blocks."""
+    write(folder)
+    path = folder / "r.run.yaml"
+    path.write_text(BLOCKS.replace("RULES", rules).replace("ASKED", asked) + more)
+    return path
+
+
+SECOND_STATION = '  2: {read: "40001", into: D00001, channel: 1, station: 2, every: 1 s}\n'
 
 
 def write(
@@ -182,6 +204,82 @@ def test_each_station_of_a_line_has_its_own_trouble(tmp_path: Path) -> None:
     assert reports == ["channel 1, station 2: no reply – 1 point without a good value (p2)"]
     world.service.enable(next(state.id for state in world.service.states.values() if state.block.name == "p2"), False)
     assert world.shown == [], "no value is expected of a block that is switched off"
+
+
+def test_the_parts_of_a_line_change_with_its_stations(tmp_path: Path) -> None:
+    """Block 0 fails in one part at a time: an edit adds a second station, and another edit removes it."""
+    path = write_blocks(tmp_path, "{fault: no_reply, from: 4 s, until: 120 s}")
+    alone = path.read_text()
+    world = World(path)
+    world.run(20)
+    assert world.shown == ["channel 1: no reply – 1 block without success (0 READ 40001)"]
+    path.write_text(alone + SECOND_STATION)
+    world.service.edit(load_run(path))
+    world.run(20)
+    assert [one.partition(":")[0] for one in world.shown] == ["channel 1, station 2", "channel 1, station 1"]
+    path.write_text(alone)
+    world.service.edit(load_run(path))
+    world.run(150)
+    assert world.shown == [] and world.reports[-1][2].startswith("channel 1: good values again after ")
+
+
+def test_the_trouble_of_a_station_that_memory_gives_ends_with_another_station(tmp_path: Path) -> None:
+    world = World(write_blocks(tmp_path, "", ", station: D00010, every: 1 s"))
+    place = world.service.grammar.parse("D00010")
+    for station, shown in ((9, ["channel 1, station 9: no reply – 1 block without success (0 READ 40001)"]), (1, [])):
+        world.service.memory.write(place.area, place.unit, place.start, [station], force=True)
+        world.run(20)
+        assert world.shown == shown
+    world.run(60)
+    assert world.service.values.is_quiet
+
+
+@pytest.mark.parametrize("asked", ["", ", every: 1 s, enabled: no"], ids=["by a program", "switched off"])
+def test_an_open_port_ends_its_trouble_if_no_block_starts_by_itself(asked: str, tmp_path: Path) -> None:
+    world = World(write_blocks(tmp_path, "", asked))
+    world.run(3)
+    driver = world.service.channels[1].driver
+    driver.port.close()
+    driver.closed(world.clock.now(), "unplugged")
+    assert len(world.shown) == 1
+    assert world.run(20) == ["channel 1: the port is open again after 0.5 s"]
+    assert world.shown == []
+
+
+def test_the_status_shows_the_present_cause_after_a_lost_port(tmp_path: Path) -> None:
+    """The device is silent before and after: the port is no cause any more when it is open."""
+    world = World(write_blocks(tmp_path, "{fault: no_reply, from: 4 s}"))
+    world.run(20)
+    driver = world.service.channels[1].driver
+    driver.port.close()
+    driver.closed(world.clock.now(), "unplugged")
+    assert "port not open" in world.shown[0]
+    world.run(10)
+    assert world.shown == ["channel 1: no reply – 1 block without success (0 READ 40001)"]
+    assert world.run(30) == world.shown, "the new cause is reported, but not soon after the last report"
+
+
+def test_a_wait_of_a_request_that_no_block_has_made_is_not_reported(tmp_path: Path) -> None:
+    """No good value of a block would end it."""
+    world = World(write_blocks(tmp_path, "", more='  1: {read: "40002", into: D00001, channel: 1, station: D00010}\n'))
+    world.run(0.5)
+    world.service.waits(1, 9, world.clock.now() + 60 * SECOND)
+    assert world.run(30) == [] and world.shown == []
+
+
+def test_the_blocks_of_a_run_are_looked_through_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither an exchange nor a report searches all blocks and points."""
+    made: list[RunModel] = []
+
+    class Counted(value_troubles._Index):
+        def __init__(self, run: RunModel) -> None:
+            made.append(run)
+            super().__init__(run)
+
+    monkeypatch.setattr(value_troubles, "_Index", Counted)
+    world = World(write_blocks(tmp_path, "{fault: error_reply}", more=SECOND_STATION))
+    assert len(world.run(30)) == 2 and len(world.shown) == 2
+    assert made == [world.service.run]
 
 
 def test_status_json_and_metrics_agree(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
