@@ -305,7 +305,7 @@ def test_a_second_signal_ends_a_run_whose_modem_does_not_hang_up(tmp_path: Path)
             "utf-8",
         )
         process = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "framekit", "run", str(path), "--quiet",
+            sys.executable, "-m", "framekit", "run", str(path),
             stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
         )  # fmt: skip
         await asked.wait()
