@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ pytest.importorskip("httpx2")
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
+from framekit.cli.main import main
 from framekit.extras.web.access import Access
 from framekit.extras.web.edit_board import EditBoard, EditSession
 from framekit.extras.web.edit_files import LARGEST_TEXT, EditedFolder, EditRefusedError
@@ -223,6 +225,15 @@ def test_another_page_or_name_is_not_let_in(tmp_path: Path) -> None:
         assert there.receive_json() == {"may": True}
         there.send_json({"save": "x", "file": "../lamp.yaml", "digest": "", "id": 2})
         assert "no YAML file of this folder" in there.receive_json()["why"]
+
+
+def test_without_the_extra_the_verb_says_how_to_install_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delitem(sys.modules, "framekit.extras.web.server", raising=False)
+    monkeypatch.setitem(sys.modules, "uvicorn", None)
+    assert main(["edit", str(written(tmp_path))]) == 1
+    assert "pip install '.[web]'" in capsys.readouterr().err
 
 
 def test_a_process_that_takes_too_long_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
