@@ -175,14 +175,17 @@ def _rules(store: DeviceStore) -> Sequence[RuleAtWork]:
 
 
 def address_text(store: DeviceStore, area: Area, element: int) -> str:
-    """Return the address of an element as users write it; '' if no form of the protocol prints it."""
+    """Return the address of an element as users write it; '' if the protocol has no text that means this element."""
     grammar = store.device.grammar
     same = (one.name for one in store.device.protocol.areas.values() if one.memory == area.name)
     for name in dict.fromkeys((area.name, *same)):
         try:
-            return grammar.print(Address(name, area.unit, element))
+            text = grammar.print(Address(name, area.unit, element))
+            place = grammar.parse(text)
         except (AddressError, KeyError):
             continue
+        if place.area in (area.name, *area.aliases) and place.first_bit == element * area.element_bits:
+            return text
     return ""
 
 

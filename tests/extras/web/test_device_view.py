@@ -19,8 +19,12 @@ from framekit.api.monitor import FrameLog
 from framekit.api.server import AsyncServer, aserve, view_of_devices
 from framekit.extras.web.access import Access
 from framekit.extras.web.board import WebBoard
+from framekit.extras.web.device_view import address_text
 from framekit.extras.web.session import WebSession
 from framekit.extras.web.shown import shown_server
+from framekit.runfile.devices import load_devices
+from framekit.service.device import DeviceStore
+from framekit.transport.clock import VirtualClock
 
 DEVICE = """device: meter
 protocol: modbus-tcp
@@ -131,3 +135,14 @@ def test_a_fault_is_switched_on_and_off_with_the_token(tmp_path: Path) -> None:
             assert await client.read("40002") == [2]
 
     served(tmp_path, test)
+
+
+def test_an_address_is_shown_only_if_it_means_the_element() -> None:
+    path = Path(__file__).parents[3] / "examples" / "df1" / "plc-3.device.yaml"
+    (device,) = load_devices(path, path.parent)
+    store = DeviceStore(device, VirtualClock())
+    texts = {area.name: address_text(store, store.memory.area(area.name), 4) for area in device.areas}
+    for name, text in texts.items():
+        if text:
+            assert (device.grammar.parse(text).area, device.grammar.parse(text).start) == (name, 4)
+    assert texts["file10"] and not texts["PLC2"]

@@ -4,7 +4,7 @@ import { element } from "./parts.js";
 import { at } from "./shell.js";
 import { ask } from "./actions.js";
 
-const ROW = 30, MORE = 2, BLINK = 1200;
+const ROW = 30, MORE = 2, BLINK = 1200, MOST_TABS = 8;
 // Elements in a row by their bits, in a wide and in a narrow table.
 const COLUMNS = { 1: [16, 8], 8: [16, 8], 16: [10, 5] }, LONG = [4, 2], WIDE = 640;
 
@@ -50,13 +50,7 @@ export class Areas {
     if (!this.devices[this.device]?.areas.length) { at("areas").hidden = true; return; }
     this.number = number;
     this.before.clear();
-    at("area-tabs").replaceChildren();
-    this.devices[this.device].areas.forEach(([name, size, unit], one) => {
-      const tab = Object.assign(element("button", at("area-tabs")), { textContent: name, title: `${size} × ${unit}` });
-      tab.classList.toggle("on", one === number);
-      tab.setAttribute("aria-pressed", String(one === number));
-      tab.addEventListener("click", () => this.show(one));
-    });
+    this.name(this.devices[this.device].areas);
     this.head.replaceChildren();
     Object.assign(element("th", this.head), { textContent: "Address", scope: "col" });
     for (let column = 0; column < this.area.columns; column++)
@@ -64,6 +58,25 @@ export class Areas {
     this.body.replaceChildren();
     this.place.scrollTop = Math.floor(first / this.area.columns) * ROW;
     this.draw();
+  }
+
+  // The names of the areas: a tab each, or a list if they are many.
+  name(areas) {
+    at("area-tabs").replaceChildren();
+    if (areas.length > MOST_TABS) {
+      const list = element("select", at("area-tabs"));
+      areas.forEach(([name], one) => Object.assign(element("option", list), { value: one, textContent: name }));
+      list.setAttribute("aria-label", "area");
+      list.value = this.number;
+      list.addEventListener("change", () => this.show(Number(list.value)));
+      return;
+    }
+    areas.forEach(([name, size, unit], one) => {
+      const tab = Object.assign(element("button", at("area-tabs")), { textContent: name, title: `${size} × ${unit}` });
+      tab.classList.toggle("on", one === this.number);
+      tab.setAttribute("aria-pressed", String(one === this.number));
+      tab.addEventListener("click", () => this.show(one));
+    });
   }
 
   fit() {

@@ -21,8 +21,8 @@ export class Grid {
     this.bars = columns.map(() => element("col", group));
     this.texts = columns.map((_, at) => at).filter(at => !columns[at].kind);
     columns.forEach(({ kind }, at) => { if (kind) this.bars[at].style.width = KINDS[kind]; });
-    for (const { title, look } of columns)
-      Object.assign(element("th", top), { textContent: title, className: look?.includes("right") ? "right" : "", scope: "col" });
+    for (const { title, look, kind } of columns)
+      Object.assign(element("th", top), { textContent: title, className: kind ? `for-${kind}` : look?.includes("right") ? "right" : "", scope: "col" });
     this.before = element("td", element("tr", element("tbody", table)));
     this.body = element("tbody", table);
     this.after = element("td", element("tr", element("tbody", table)));
@@ -33,6 +33,12 @@ export class Grid {
     place.addEventListener("scroll", () => this.moved());
     place.addEventListener("keydown", event => this.key(event));
     this.body.addEventListener("click", event => this.click(event));
+  }
+
+  // Hides the columns of a kind, or shows them.
+  hide(kind, yes) {
+    this.columns.forEach((column, at) => { if (column.kind === kind) this.bars[at].style.width = yes ? "0" : KINDS[kind]; });
+    this.place.classList.toggle(`no-${kind}`, yes);
   }
 
   measure(cells) {
@@ -67,7 +73,7 @@ export class Grid {
   line() {
     const row = element("tr", this.body), line = { row, cells: [], texts: [] };
     for (const { kind, look } of this.columns) {
-      const cell = Object.assign(element("td", row), { className: look ?? "" });
+      const cell = Object.assign(element("td", row), { className: kind ? `for-${kind}` : look ?? "" });
       if (kind === "spark") line.canvas = Object.assign(element("canvas", cell), { width: 200, height: 40 });
       else if (kind === "button") line.button = Object.assign(element("button", cell), { textContent: this.button.text });
       else line.cells.push(cell);

@@ -33,6 +33,7 @@ export class Points {
       key, name, unit, place, about, writable, range, words, of: group, behaviour: behaviours.get(name) ?? "",
       state: "stale", cells: [name, "–", unit, "", ""].slice(0, this.behaves ? 4 : 5), numbers: [], number: null,
     }));
+    this.grid.hide("button", !this.list.some(point => point.writable));
     this.groups = [...new Set(this.list.map(point => point.of))];
     const select = at("group"), before = select.value;
     select.replaceChildren();
