@@ -622,7 +622,7 @@ def test_memory_that_is_no_whole_words_is_shown_at_the_end(capsys: pytest.Captur
     ("words", "says"),
     [
         ([], "missing: VERB – framekit --help lists the verbs"),
-        (["help"], "there is no verb 'help' – framekit --help lists the verbs"),
+        (["nonsense"], "there is no verb 'nonsense' – framekit --help lists the verbs"),
         (["serv"], "there is no verb 'serv' – did you mean 'serve'?"),
     ],
 )
