@@ -7,6 +7,7 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
 from framekit.cli.common import VerbError, WordsError, add, existing, in_words, near, print_json, why_not
 
@@ -61,7 +62,7 @@ def run_import(arguments: argparse.Namespace) -> int:
     file, place = arguments.file, arguments.output or definition_beside(arguments.file)
     try:
         with in_words():
-            text, left_out, notes = _points(arguments, place) if is_list(file) else _definition(arguments, place)
+            text, messages = _points(arguments, place) if is_list(file) else _definition(arguments, place)
         if place.exists() and place.samefile(file):
             raise WordsError(f"{near(str(place))} is the file that is read – name another one with -o")
         if place.exists() and arguments.output is None:
@@ -74,13 +75,23 @@ def run_import(arguments: argparse.Namespace) -> int:
         replace_whole(place.resolve(), text.encode(), place if place.exists() else None)
     except OSError as error:
         raise VerbError(why_not(error, place)) from None
-    for line in (*left_out, *notes):
-        print(line, file=sys.stderr)
+    for message in messages:
+        print(message.text, file=sys.stderr)
+    left_out = [message.text for message in messages if message.is_left_out]
     if arguments.json:
+        notes = [message.text for message in messages if not message.is_left_out]
         print_json({"written": near(str(place)), "left_out": left_out, "notes": notes})
     else:
         print(f"{near(str(place))} is written – framekit check {near(str(place))}")
     return 1 if arguments.strict and left_out else 0
+
+
+class Message(NamedTuple):
+    """A message about a part of an imported file."""
+
+    text: str
+    is_left_out: bool
+    """Whether the part is missing in the result."""
 
 
 def is_list(file: Path) -> bool:
@@ -88,8 +99,8 @@ def is_list(file: Path) -> bool:
     return file.suffix.lower() == ".csv"
 
 
-def _definition(arguments: argparse.Namespace, place: Path) -> tuple[str, list[str], list[str]]:
-    """Return a definition made of a file: its text, the parts that are left out, other messages."""
+def _definition(arguments: argparse.Namespace, place: Path) -> tuple[str, list[Message]]:
+    """Return the text of a definition made of a file, and the messages about its parts."""
     from framekit.api.draft import protocol_name
     from framekit.api.imports import import_definition
 
@@ -97,23 +108,23 @@ def _definition(arguments: argparse.Namespace, place: Path) -> tuple[str, list[s
         if getattr(arguments, option) is not None:
             raise WordsError(f"--{option} is for lists of registers (.csv) – leave it out")
     made = import_definition(arguments.file, protocol_name(place))
-    left_out = [str(problem) for problem in made.left_out if not problem.warning]
-    return made.text, left_out, [str(problem) for problem in made.left_out if problem.warning]
+    return made.text, [Message(str(problem), not problem.warning) for problem in made.left_out]
 
 
-def _points(arguments: argparse.Namespace, place: Path) -> tuple[str, list[str], list[str]]:
-    """Return the points of a list of registers: their text, the rows that are left out, other messages."""
+def _points(arguments: argparse.Namespace, place: Path) -> tuple[str, list[Message]]:
+    """Return the text of the points of a list of registers, and the messages about its rows and columns."""
     from framekit.api.points import points_text, read_vendor_table
 
     form, file = "{}" if arguments.address is None else arguments.address, existing(arguments.file)
     if "{}" not in form:
         raise WordsError(f"--address: '{form}' has no {{}} for the number of the register")
     found = read_vendor_table(file, form, arguments.add or 0, arguments.order)
-    left_out = [f"{problem} – left out" for problem in found.problems]
+    messages = [Message(f"{problem} – left out", True) for problem in found.problems]
     if not found.points:
-        raise VerbError("\n".join([f"{file} has no row that can be read", *left_out]))
-    notes = [f"columns without effect on points: {', '.join(found.unused)}"] if found.unused else []
-    return points_text(found, place.name.partition(".")[0], f"framekit import {file.name}"), left_out, notes
+        raise VerbError("\n".join([f"{file} has no row that can be read", *(message.text for message in messages)]))
+    if found.unused:
+        messages.append(Message(f"columns without effect on points: {', '.join(found.unused)}", False))
+    return points_text(found, place.name.partition(".")[0], f"framekit import {file.name}"), messages
 
 
 def add_schema_arguments(parser: argparse.ArgumentParser) -> None:
