@@ -480,7 +480,7 @@ class JsonOutput(RunOutput):
         found = report.trouble
         if found.name == OUTPUT:
             print_trouble(report)
-        line = {"event": "run_trouble", "time": self.seconds(found.since), "what": report.event, "text": report.text}
+        line = {"event": "run_trouble", "time": self.seconds(report.at), "what": report.event, "text": report.text}
         sys.stdout.write(f"{json_line(line | trouble_data(found))}\n")
         sys.stdout.flush()
 

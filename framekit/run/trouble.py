@@ -115,6 +115,8 @@ class TroubleReport(NamedTuple):
     event: Event
     trouble: Trouble
     text: str
+    at: int
+    """Time of the event (ns of the run's clock)."""
 
 
 class Dropped:
@@ -156,16 +158,16 @@ class TroubleSource:
     """The trouble of one part of a run. Its methods may be called from any thread.
 
     `effect` describes the consequence for the data, for the first report; `count` gives the samples of the part.
-    `well`: the sentence for the end of a trouble; `shows_effect`: whether the effect belongs to the reason.
+    `well`: the sentence for the end of a trouble; `is_whole`: whether a reason already has its remedy and its effect.
     """
 
     def __init__(
         self, troubles: Troubles, name: str, effect: Callable[[], str], count: Callable[[], Count], unit: str,
-        well: str, shows_effect: bool,
+        well: str, is_whole: bool,
     ) -> None:  # fmt: skip
         self.name = name
         self.reason = ""
-        self._well, self._shows_effect = well, shows_effect
+        self._well, self._is_whole = well, is_whole
         self._troubles = troubles
         self._effect, self._count, self._unit = effect, count, unit
         self._since = 0
@@ -183,7 +185,7 @@ class TroubleSource:
                 self._since = self._troubles.now() if since is None else since
                 self._lost_before = self._count().lost
         if not before:
-            more = "; ".join(filter(None, (remedy_of(reason), self._effect())))
+            more = "" if self._is_whole else "; ".join(filter(None, (remedy_of(reason), self._effect())))
             self._report("begins", f"{self.name}: {reason}{f' – {more}' if more else ''}")
         elif before != reason:
             log.warning("%s: %s", self.name, reason)
@@ -192,11 +194,7 @@ class TroubleSource:
         """Report another reason of a trouble that lasts."""
         with self._troubles.lock:
             self.reason = reason
-        self._report("changes", f"{self.name}: {self._with_effect(reason)}")
-
-    def _with_effect(self, reason: str) -> str:
-        effect = self._effect()
-        return f"{reason} – {effect}" if effect else reason
+        self._report("changes", f"{self.name}: {reason}")
 
     def forget(self) -> None:
         """End the trouble without a report: the part is not used any more."""
@@ -228,16 +226,14 @@ class TroubleSource:
             self._report("loses", f"{self.name}: {why}")
 
     def _report(self, event: Event, text: str) -> None:
-        self._troubles.report(TroubleReport(event, self.trouble, text))
+        self._troubles.report(TroubleReport(event, self.trouble, text, self._troubles.now()))
 
     @property
     def trouble(self) -> Trouble:
         """Return the present state."""
-        count, reason = self._count(), self.reason
-        if reason and self._shows_effect:
-            reason = self._with_effect(reason)
+        count = self._count()
         return Trouble(
-            name=self.name, reason=reason, since=self._since, waiting=count.waiting, lost=count.lost,
+            name=self.name, reason=self.reason, since=self._since, waiting=count.waiting, lost=count.lost,
             points=dict(count.points), unit=self._unit,
         )  # fmt: skip
 
@@ -255,17 +251,17 @@ class Troubles:
 
     def source(
         self, name: str, effect: Callable[[], str] = lambda: "", count: Callable[[], Count] = Count,
-        unit: str = "sample", well: str = "works again", shows_effect: bool = False,
+        unit: str = "sample", well: str = "works again", is_whole: bool = False,
     ) -> TroubleSource:  # fmt: skip
         """Register a part of the run."""
-        found = TroubleSource(self, name, effect, count, unit, well, shows_effect)
+        found = TroubleSource(self, name, effect, count, unit, well, is_whole)
         self._sources.append(found)
         return found
 
     def note(self, name: str, text: str) -> None:
         """Report an event that does not last."""
         trouble = Trouble(name=name, reason=text, since=self.now(), waiting=0, lost=0)
-        self.report(TroubleReport("note", trouble, f"{name}: {text}"))
+        self.report(TroubleReport("note", trouble, f"{name}: {text}", trouble.since))
 
     def present(self) -> tuple[Trouble, ...]:
         """Return the parts that fail now or have lost data, in the order of registration.

@@ -46,7 +46,7 @@ from framekit.service.points import PointService
 from framekit.service.run_loop import RunLoop
 from framekit.service.sinks import SinkHost, SinkService
 from framekit.service.state import StateFile, StateKeeper
-from framekit.service.value_troubles import BLOCK, PORT, Item, ValueTroubles
+from framekit.service.value_troubles import OF_BLOCKS, PORT, Item, ValueTroubles
 from framekit.transport.clock import Clock, date_at
 from framekit.transport.schemes import without_files
 
@@ -313,7 +313,7 @@ class RunService(ChannelOwner):
             kind, what = item
             if kind == PORT:
                 return False
-            blocks = (what,) if kind == BLOCK else blocks_of.get(what, ())
+            blocks = (what,) if kind in OF_BLOCKS else blocks_of.get(what, ())
             return not any(number not in changed and number in enabled for number in blocks)
 
         if not self.values.is_quiet:

@@ -1,13 +1,16 @@
 """Report that values do not come: from which channel and station, why, and for which points and blocks.
 
-The failures of a channel and station are one trouble. It begins when an exchange fails, a port is lost, a point cannot
-be decoded, or a request waits for late replies; it ends when each of its blocks and points has a good value again.
+The failures of a channel and station are one trouble. It begins when an exchange fails, a port is lost, or a request
+waits for late replies; it ends when each of its blocks and points has a good value again, or the device answers again.
+
+What a device refuses, and data that are no value, are another trouble of the same channel and station: a refusal
+concerns a block or a point, and may last for ever, so it must not hide when the device falls silent.
 """
 
 from __future__ import annotations
 
 import re
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Hashable
 from operator import itemgetter
 from typing import NamedTuple
@@ -18,7 +21,7 @@ from framekit.definition.times import readable_time
 from framekit.link.slow import rounded
 from framekit.run.block_state import Failure
 from framekit.run.model import POINTS_SET, Block, Point, RunModel
-from framekit.run.trouble import SECOND, Troubles
+from framekit.run.trouble import SECOND, Troubles, remedy_of
 from framekit.transport.clock import Clock, Handle
 
 GATHER, GATHER_OLD = SECOND, 3 * SECOND
@@ -36,18 +39,41 @@ MOST_NAMED = 3
 """Points and blocks that a report names."""
 MOST_PARTS = 500
 """Stations with a trouble of their own; further stations share the trouble of their channel."""
+MOST_CAUSES = 2
+"""Causes that a report describes."""
 LONG_WAIT = 3 * SECOND
 """A wait for late replies up to this time is not reported (ns)."""
+
+SHRUNK_LASTS = 10 * SECOND
+"""Fewer points without a good value are reported when that has lasted for this time (ns)."""
 
 OWN_END = frozenset({"closed", "cancelled", "abandoned", "interrupted"})
 """Outcomes of exchanges that end for a reason that is reported elsewhere, or for none."""
 NUMBERS = re.compile(r"\b[0-9A-F]{2}(?: [0-9A-F]{2})*\b|\d+(?:\.\d+)?")
 """Digits and bytes of a cause, which may differ from reply to reply while the cause is the same."""
 
-BLOCK, POINT, OLD, PORT = "block", "point", "old", "port"
+ANSWERED = frozenset({"refused", "cannot_store"})
+"""Outcomes that show that the device has answered; a device code shows it, too."""
+OF_BLOCK = ANSWERED | {"bad_setting", "cannot_send", "circle", "expression", "no_sequence", "not_allowed"}
+"""Outcomes that concern the block, and not its channel or station."""
+
+BLOCK, WAIT, OLD, PORT, REFUSED, POINT = "block", "wait", "old", "port", "refused", "point"
 """Kinds of items."""
 Item = tuple[str, Hashable]
-"""A block (its id), a point (its name), a point whose value is too old, or the port."""
+"""A block without a reply or one that waits (its id), a point whose value is too old (its name), the port; a block
+that is refused (its id), a point whose data are no value (its name).
+"""
+OF_BLOCKS = frozenset({BLOCK, WAIT, REFUSED})
+"""Kinds whose items are blocks."""
+RANKS = frozenset({BLOCK, REFUSED, POINT}), frozenset({WAIT}), frozenset({OLD})
+"""Kinds of causes and, after them, of their consequences: a wait, and values that are too old because of it."""
+ALONE = frozenset({REFUSED, POINT})
+"""Kinds that concern single blocks and points: they are a trouble of their own."""
+PartKey = tuple[int, Hashable, bool]
+"""Channel, station (None: the channel alone), and whether the kinds of the items are `ALONE`."""
+GOOD = "good values again"
+ANSWERS = "answers again"
+"""The end of a trouble whose blocks are all refused now."""
 
 
 class Cause(NamedTuple):
@@ -71,23 +97,35 @@ def failure_text(failure: Failure) -> str:
     return f"{words}:{rest}" if rest else words
 
 
-class Part:
-    """A channel, or one of its stations: its items without a good value, and their trouble."""
+def is_refused(failure: Failure) -> bool:
+    """Return whether a failure shows that the device has answered."""
+    return failure.outcome in ANSWERED or (failure.device_code is not None and failure.outcome != "no_reply")
 
-    def __init__(self, owner: ValueTroubles, channel: int, name: str) -> None:
-        self.channel = channel
+
+class Part:
+    """A trouble of a channel or of one of its stations: its items without a good value.
+
+    `name`: of the trouble; `key`: of the part, see `ValueTroubles`.
+    """
+
+    def __init__(self, owner: ValueTroubles, key: PartKey, name: str) -> None:
+        self.key = key
         self.failing: dict[Item, Cause] = {}
         """Items without a good value, in the order of their failures."""
         self._owner, self._clock = owner, owner.clock
-        self.source = owner.troubles.source(name, self._effect, unit="", well="good values again", shows_effect=True)
+        self.source = owner.troubles.source(name, unit="", well=GOOD, is_whole=True)
         self._since = 0
         """Time of the first failure (ns)."""
+        self._good: dict[Item, None] = {}
+        """Items that have a good value again while the trouble lasts."""
         self._begun: deque[int] = deque(maxlen=OFTEN)
         """Times of the last reports of a begin (ns)."""
         self._reported: tuple[frozenset[str], int] = frozenset(), 0
         """Kinds of the reported causes, and the number of items."""
-        self._next_at = self._pause = 0
-        """Time before which no other cause is reported, and the time from that report to the next (ns)."""
+        self._shrunk_at = 0
+        """Time since which not more than half of the reported items are left (ns); 0: more are left."""
+        self._reported_at = self._pause = 0
+        """Time of the last report, and the least time from it to the report of another cause (ns)."""
         self._timer: Handle | None = None
         self._timer_at = 0
 
@@ -95,8 +133,10 @@ class Part:
         """Note an item without a good value."""
         if not self.failing:
             self._since = self._clock.now()
+            self._good.clear()
         known = self.failing.get(item)
         self.failing[item] = cause
+        self._good.pop(item, None)
         if known is not None and known.kind == cause.kind:
             return
         if self._timer is None or not self.source.reason:
@@ -104,14 +144,25 @@ class Part:
             self._report_at(self._clock.now() + delay)
 
     def well(self, item: Item, sentence: str = "") -> None:
-        """Note an item with a good value; the trouble ends with the last, and is reported with the sentence."""
+        """Note that an item is well; the trouble ends with the last, and is reported.
+
+        `sentence`: the sentence for that, if no item has a good value; without it this item has a good value.
+        """
         del self.failing[item]
+        if not sentence:
+            self._good[item] = None
         if self.failing:
             self._look_soon()
             return
         self._cancel()
         if self.source.reason:
-            self.source.ends(sentence)
+            if not self._good:
+                well = sentence
+            elif self._owner.has_other_trouble(self.key):
+                well = f"{GOOD} of {self._owner.named(None, tuple(self._good), '')}"
+            else:
+                well = GOOD
+            self.source.ends(well)
 
     def forget(self, item: Item) -> None:
         """Forget an item that is not expected to have a value any more, or fails in another part, without a report."""
@@ -165,14 +216,24 @@ class Part:
                 self._begin()
             return
         self.source.reason = self._reason()
-        kinds, number = self._reported
-        if self._kinds() <= kinds and len(self.failing) <= 2 * number:
-            return
-        if now < self._next_at:
-            self._report_at(self._next_at)
-        else:
-            self._note_report(2 * self._pause)
+        at = self._change_at(now)
+        if at > now:
+            self._report_at(at)
+        elif at:
+            self._note_report(FIRST_PAUSE if now - self._reported_at > 2 * self._pause else 2 * self._pause)
             self.source.changes(self._reason())
+
+    def _change_at(self, now: int) -> int:
+        """Return when to report another cause, or another number of items; 0: nothing of that has changed."""
+        kinds, number = self._reported
+        if not self._kinds() <= kinds or len(self.failing) > 2 * number:
+            self._shrunk_at = 0
+            return max(now, self._reported_at + self._pause)
+        if 2 * len(self.failing) > number:
+            self._shrunk_at = 0
+            return 0
+        self._shrunk_at = self._shrunk_at or now
+        return max(now, self._reported_at + self._pause, self._shrunk_at + SHRUNK_LASTS)
 
     def _begin(self) -> None:
         self._begun.append(self._clock.now())
@@ -181,31 +242,50 @@ class Part:
 
     def _note_report(self, pause: int) -> None:
         self._reported = self._kinds(), len(self.failing)
+        self._shrunk_at = 0
         self._pause = min(pause, LONGEST_PAUSE)
-        self._next_at = self._clock.now() + self._pause
+        self._reported_at = self._clock.now()
 
-    def _causes(self) -> list[Cause]:
-        """Return the causes that count: that of the port, else those of all items that are not only too old."""
-        found = dict(self.failing)
-        port = found.get((PORT, ""))
-        causes = [cause for (kind, _), cause in found.items() if kind != OLD]
-        return [port] if port is not None else causes or list(found.values())
+    def _causes(self) -> dict[str, tuple[Cause, list[Item]]]:
+        """Return the causes that count, the most frequent first, each with its items, by kind.
+
+        The cause of a lost port is the cause of all items. Consequences belong to the most frequent cause.
+        """
+        port = self.failing.get((PORT, ""))
+        if port is not None:
+            return {port.kind: (port, list(self.failing))}
+        first = next(kinds for kinds in RANKS if any(kind in kinds for kind, _ in self.failing))
+        found: dict[str, tuple[Cause, list[Item]]] = {}
+        followed = []
+        for item, cause in self.failing.items():
+            if item[0] in first:
+                items = found[cause.kind][1] if cause.kind in found else []
+                items.append(item)
+                found[cause.kind] = cause, items
+            else:
+                followed.append(item)
+        ordered = dict(sorted(found.items(), key=lambda one: -len(one[1][1])))
+        next(iter(ordered.values()))[1].extend(followed)
+        return ordered
 
     def _kinds(self) -> frozenset[str]:
-        return frozenset(cause.kind for cause in self._causes())
+        return frozenset(self._causes())
 
     def _reason(self) -> str:
-        """Return the two most frequent causes."""
-        causes = self._causes()
-        count = Counter(cause.kind for cause in causes)
-        texts = {cause.kind: cause.text for cause in causes}
-        reasons = [texts[kind] for kind, _ in count.most_common(2)]
-        return "; ".join(reasons + ([plural(len(count) - 2, "more cause")] if len(count) > 2 else []))
-
-    def _effect(self) -> str:
-        """Return the points and blocks without a good value: their number and the first names."""
-        items = tuple(self.failing)
-        return self._owner.named(self.channel if (PORT, "") in items else None, items)
+        """Return the two most frequent causes, each with its points and blocks: their number and the first names."""
+        causes = list(self._causes().values())
+        found = []
+        for cause, items in causes[:MOST_CAUSES]:
+            effect = self._owner.named(self.key[0] if (PORT, "") in items else None, tuple(items))
+            more = "; ".join(filter(None, (remedy_of(cause.text), effect)))
+            found.append(f"{cause.text} – {more}" if more else cause.text)
+        left = len(causes) - MOST_CAUSES
+        if left > 0:
+            found.append(plural(left, "more cause"))
+        wait = next((cause.text for (kind, _), cause in reversed(self.failing.items()) if kind == WAIT), "")
+        if wait and not any(cause.text == wait for cause, _ in causes):
+            found.append(wait)
+        return "; ".join(found)
 
 
 class _Index:
@@ -243,7 +323,7 @@ class ValueTroubles:
         self.troubles, self.clock = troubles, clock
         self._run, self._expects = run, expects
         self._known_index: _Index | None = None
-        self._parts: dict[tuple[int, Hashable], Part] = {}
+        self._parts: dict[PartKey, Part] = {}
         self._part_of: dict[tuple[int, Item], Part] = {}
         """The part in which each item fails; each fails in one part at most, also if its station changes."""
 
@@ -263,13 +343,32 @@ class ValueTroubles:
         """Note a failed exchange of a block. Its port is open."""
         if block.job is not None or _is_answered(block) or failure.outcome in OWN_END:
             return
-        self._fails(block.channel, station, (BLOCK, block.id), cause_of(failure_text(failure)))
-        self._forget(block.channel, (PORT, ""))
+        channel, number = block.channel, block.id
+        cause = cause_of(failure_text(failure))
+        if is_refused(failure):
+            self._fails(channel, station, (REFUSED, number), cause)
+            self._answered(block, ANSWERS)
+        elif failure.outcome in OF_BLOCK:
+            self._fails(channel, station, (REFUSED, number), cause)
+            self._forget(channel, (BLOCK, number))
+            self._forget(channel, (WAIT, number))
+        else:
+            self._fails(channel, station, (BLOCK, number), cause)
+            self._forget(channel, (WAIT, number))
+            self._forget(channel, (PORT, ""))
 
     def good(self, block: Block) -> None:
         """Note a good exchange of a block: its channel works. Points of the block report for themselves."""
-        self._well(block.channel, (BLOCK, block.id))
-        self._well(block.channel, (PORT, ""))
+        self._well(block.channel, (REFUSED, block.id))
+        self._answered(block)
+
+    def _answered(self, block: Block, sentence: str = "") -> None:
+        """Note a reply to a block; with a sentence it is no good value."""
+        for item in ((BLOCK, block.id), (WAIT, block.id), (PORT, "")):
+            self._well(block.channel, item, sentence)
+        if sentence:
+            for name in self._index.points.get(block.id, ()):
+                self._well(block.channel, (OLD, name), sentence)
 
     def not_good(self, point: Point, channel: int, station: Hashable, quality: str, why: str) -> None:
         """Note a point whose data are no value, or whose value is stale; good: it has a value again."""
@@ -293,7 +392,7 @@ class ValueTroubles:
         time = until - self.clock.now()
         if time > LONG_WAIT and block.job is None and not _is_answered(block):
             text = f"waits up to {readable_time(rounded(time))} for late replies"
-            self._fails(block.channel, station, (BLOCK, block.id), cause_of(text))
+            self._fails(block.channel, station, (WAIT, block.id), cause_of(text))
 
     def forget(self, which: Callable[[int, Item], bool]) -> None:
         """Forget the items of channels that are not expected to have values any more."""
@@ -308,11 +407,11 @@ class ValueTroubles:
     # ---- parts --------------------------------------------------------------------------------------------
 
     def _fails(self, channel: int, station: Hashable, item: Item, cause: Cause) -> None:
-        key = self._key(channel, station)
+        key = self._key(channel, station, item[0] in ALONE)
         part = self._parts.get(key)
         if part is None:
             where = "" if key[1] is None else f", station {shown(station)}"
-            part = self._parts[key] = Part(self, channel, f"channel {channel}{where}")
+            part = self._parts[key] = Part(self, key, f"channel {channel}{where}")
         if self._part_of.get((channel, item), part) is not part:
             self._forget(channel, item)
         self._part_of[channel, item] = part
@@ -328,11 +427,17 @@ class ValueTroubles:
         if part is not None:
             part.forget(item)
 
-    def _key(self, channel: int, station: Hashable) -> tuple[int, Hashable]:
+    def _key(self, channel: int, station: Hashable, is_alone: bool) -> PartKey:
         """Return the key of a part: the channel alone if its blocks ask one station."""
-        key = channel, station
+        key = channel, station, is_alone
         has_own = channel in self._index.shared and (key in self._parts or len(self._parts) < MOST_PARTS)
-        return key if has_own else (channel, None)
+        return key if has_own else (channel, None, is_alone)
+
+    def has_other_trouble(self, key: PartKey) -> bool:
+        """Return whether the other part of the same channel and station has a trouble."""
+        channel, station, is_alone = key
+        other = self._parts.get((channel, station, not is_alone))
+        return other is not None and bool(other.source.reason)
 
     @property
     def _index(self) -> _Index:
@@ -341,13 +446,13 @@ class ValueTroubles:
             known = self._known_index = _Index(run)
         return known
 
-    def named(self, channel: int | None, items: tuple[Item, ...]) -> str:
+    def named(self, channel: int | None, items: tuple[Item, ...], what: str = " without a good value") -> str:
         """Return the points and blocks of items: `12 points without a good value (a, b, c …)`.
 
-        `channel`: all its blocks count as items.
+        `channel`: all its blocks count as items; `what` follows the number of points.
         """
         index = self._index
-        failing = {number for kind, number in items if kind == BLOCK}
+        failing = {number for kind, number in items if kind in OF_BLOCKS}
         failing.update(() if channel is None else index.of_channel.get(channel, ()))
         known = sorted((index.blocks[number] for number in failing if number in index.blocks), key=itemgetter(0))
         names = {str(name) for kind, name in items if kind in (POINT, OLD)}
@@ -355,10 +460,11 @@ class ValueTroubles:
         blocks = [block for _, block in known if block.id not in index.points and not _is_answered(block)]
         found = []
         if names:
-            found.append(f"{plural(len(names), 'point')} without a good value ({_first(sorted(names))})")
+            found.append(f"{plural(len(names), 'point')}{what} ({_first(sorted(names))})")
         if blocks:
             labels = [f"{block.label} {block.what}" for block in blocks[:MOST_NAMED]]
-            found.append(f"{plural(len(blocks), 'block')} without success ({_first(labels, len(blocks))})")
+            success = " without success" if what else ""
+            found.append(f"{plural(len(blocks), 'block')}{success} ({_first(labels, len(blocks))})")
         return ", ".join(found)
 
 

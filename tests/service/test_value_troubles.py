@@ -9,6 +9,7 @@ import pytest
 
 from framekit.cli.main import main
 from framekit.link.slow import SlowStation, SlowStations
+from framekit.run.block_state import Failure
 from framekit.run.model import RunModel
 from framekit.run.trouble import TroubleReport
 from framekit.runfile.run_file import load_run
@@ -87,6 +88,7 @@ class World:
         return [f"{one.name}: {one.reason}" for one in run_status(self.service).troubles]
 
 
+REFUSED_THIRD = {"good1": "40001", "good2": "40005", "gone": "40100"}
 ALL = " – 3 points without a good value (a, b, c)"
 
 
@@ -149,8 +151,8 @@ def test_hundreds_of_points_that_fail_at_once_are_counted(tmp_path: Path) -> Non
 
 def test_another_cause_is_reported_but_not_often(tmp_path: Path) -> None:
     rules = ", ".join(
-        f"{{fault: {'no_reply' if at % 8 else 'error_reply'}, from: {at} s, until: {at + 4} s}}"
-        for at in range(4, 200, 4)
+        f"{{fault: {'no_reply' if at % 40 < 20 else 'wrong_check'}, from: {at} s, until: {at + 20} s}}"
+        for at in range(4, 200, 20)
     )
     world = World(write(tmp_path, rules))
     world.run(200)
@@ -158,6 +160,79 @@ def test_another_cause_is_reported_but_not_often(tmp_path: Path) -> None:
     begun = [at for at, event, _ in world.reports if event == "begins"]
     assert len(begun) <= 2 and 2 <= len(times) <= 6
     assert times[0] - begun[0] > FIRST_PAUSE / SECOND - 0.1
+
+
+def test_silence_and_refusals_in_turn_are_two_troubles_that_come_and_go(tmp_path: Path) -> None:
+    rules = ", ".join(
+        f"{{fault: {'no_reply' if at % 8 else 'error_reply'}, from: {at} s, until: {at + 4} s}}"
+        for at in range(4, 200, 4)
+    )
+    world = World(write(tmp_path, rules))
+    world.run(200)
+    assert 4 <= len(world.reports) <= 2 * 4 * 7
+
+
+def test_a_point_that_is_refused_for_ever_hides_no_other_trouble(tmp_path: Path) -> None:
+    rules = "{fault: no_reply, from: 30 s, until: 60 s}, {fault: no_reply, from: 120 s, until: 150 s}"
+    points = "".join(f'  {name}: {{channel: 1, address: "{at}"}}\n' for name, at in REFUSED_THIRD.items())
+    path = write(tmp_path, rules, points)
+    device = path.parent / "d1.device.yaml"
+    device.write_text(device.read_text().replace("memory: {", 'memory: {sizes: {"40001": 10}, '))
+    world = World(path)
+    refused = "channel 1: refused 0x0002: illegal data address – 1 point without a good value (gone)"
+    silent = "channel 1: no reply – 3 points without a good value (gone, good1, good2)"
+    again = "channel 1: good values again of 2 points (good1, good2) after 30 s"
+    assert world.run(100) == [refused, silent, again]
+    assert world.shown == [refused]
+    assert world.run(100) == [silent, again]
+    assert world.run(1000) == []
+
+
+def test_a_device_that_refuses_everything_after_an_outage_answers_again(tmp_path: Path) -> None:
+    rules = "{fault: no_reply, from: 4 s, until: 30 s}, {fault: error_reply, from: 30 s, until: 60 s}"
+    world = World(write(tmp_path, rules))
+    refused = f"channel 1: refused 0x0002: illegal data address{ALL}"
+    reports = world.run(50)
+    assert reports[0] == f"channel 1: no reply{ALL}" and reports[2:] == [refused]
+    assert reports[1].startswith("channel 1: answers again after ")
+    assert world.shown == [refused]
+    (again,) = world.run(60)
+    assert again.startswith("channel 1: good values again after 29 s")
+
+
+def test_a_cause_names_its_own_points(tmp_path: Path) -> None:
+    """`s` is refused; the device is busy with it, so the other point is not read for a while."""
+    points = '  a: {channel: 1, address: "40001"}\n  s: {channel: 1, address: "40050"}\n'
+    world = World(write(tmp_path, "", points))
+    world.run(2)
+    block = {state.block.name: state.block for state in world.service.states.values()}
+    world.service.values.failed(block["s"], 1, Failure(outcome="refused", device_code=2))
+    world.service.values.not_good(world.service.run.points[0], 1, 1, "stale", "not read for 3 s")
+    world.service.values.failed(block["a"], 1, Failure(outcome="late_replies"))
+    assert world.shown == []
+    world.service.stop()
+    assert [text for *_, text in world.reports] == [
+        "channel 1: refused 0x0002 – 1 point without a good value (s)",
+        "channel 1: late replies – 1 point without a good value (a)",
+    ]
+
+
+def test_points_that_recover_are_reported_while_others_fail(tmp_path: Path) -> None:
+    """A device may ignore the requests for one address."""
+    points = "".join(f'  {name}: {{channel: 1, address: "4{at}01"}}\n' for at, name in enumerate("abcd", 10))
+    world = World(write(tmp_path, "", points))
+    world.run(2)
+    block = {state.block.name: state.block for state in world.service.states.values()}
+    for name in "abcd":
+        world.service.enable(block[name].id, False)
+    world.run(3)
+    world.service.values.forget(lambda channel, item: True)
+    for name in "abcd":
+        world.service.values.failed(block[name], 1, Failure(outcome="no_reply"))
+    assert world.run(5) == ["channel 1: no reply – 4 points without a good value (a, b, c …)"]
+    for name in "acd":
+        world.service.values.good(block[name])
+    assert world.run(60) == ["channel 1: no reply – 1 point without a good value (b)"]
 
 
 def test_a_trouble_that_comes_and_goes_is_reported_a_few_times_a_minute(tmp_path: Path) -> None:
@@ -192,8 +267,12 @@ def test_a_value_that_is_not_read_for_long_is_reported(tmp_path: Path) -> None:
 
 def test_a_wait_for_late_replies_is_reported(tmp_path: Path) -> None:
     world = World(write(tmp_path, "{fault: delay, time: 8 s, from: 4 s, until: 40 s}"))
-    reports = world.run(100)
-    assert any("for late replies" in one for one in reports), reports
+    reports, shown = [], []
+    for _ in range(100):
+        reports += world.run(1)
+        shown += world.shown
+    assert any(one.startswith(f"channel 1: no reply{ALL}; waits up to ") for one in shown), shown
+    assert not any("for late replies" in one for one in reports), "it is a consequence"
     assert reports[-1].startswith("channel 1: ") and world.shown == []
 
 
@@ -287,6 +366,7 @@ def test_status_json_and_metrics_agree(tmp_path: Path, capsys: pytest.CaptureFix
     assert main(["run", path, "--virtual", "--for", "20s", "--json", "--status"]) == 0
     rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     (begun,) = [row for row in rows if row["event"] == "run_trouble"]
+    assert 1.5 < begun["time"] < 12
     (status,) = [row for row in rows if row["event"] == "status"]
     assert begun["what"] == "begins" and begun["text"] == f"channel 1: no reply{ALL}"
     assert [(one["name"], one["reason"]) for one in status["troubles"]] == [("channel 1", f"no reply{ALL}")]
