@@ -26,6 +26,7 @@ from framekit.memory.views import NumberView
 from framekit.run.model import Point
 from framekit.run.points import PointValue, scaled
 from framekit.run.status import RunStatus
+from framekit.sinks.opened_file import refuse_special
 from framekit.sinks.secrets import Secret
 from framekit.transport.network import listening_at
 
@@ -218,8 +219,10 @@ def open_alone(path: Path) -> int:
     """Open a file for appending by a single process; create it if it is missing. Return the file descriptor.
 
     Raises OSError, also while another process has the file open: two writers of one file would mix their lines. A
-    missing folder is an error, too: it may be the place of a disk that is not mounted.
+    missing folder is an error, too: it may be the place of a disk that is not mounted. Devices, pipes and sockets are
+    refused.
     """
+    refuse_special(path)
     try:
         file = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o644)
     except FileNotFoundError:

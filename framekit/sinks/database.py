@@ -7,11 +7,23 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from framekit.sinks.base import open_alone
+from framekit.sinks.opened_file import refuse_special
+
 LOG_PAGES = 128
 """Pages of 4 KB in the log before SQLite moves them into the file; 1000, its default, are 4 MB for each file."""
 
 LOGS = ("-wal", "-shm")
 """Ends of the names of the files next to an open database."""
+
+
+def lock_of(path: Path) -> int:
+    """Lock a database for a single process by a file `NAME.lock` next to it. Return the file descriptor.
+
+    Raises OSError, also if the path leads to no regular file.
+    """
+    refuse_special(path)
+    return open_alone(path.with_name(f"{path.name}.lock"))
 
 
 def connected(path: Path) -> sqlite3.Connection:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import errno
 import io
 import json
 import os
@@ -30,6 +31,11 @@ ROOM = 4096
 
 SET_BACK = 3_600_000_000_000
 """A time further than this before the first time of a file (ns) begins a new file."""
+
+_TIME = rb"[0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9]{2}:[0-9]{2}:[0-9]{2}\.[0-9]{3}Z"
+"""A time written by `iso_time`."""
+
+_EXAMPLE = b"2000-01-01T00:00:00.000Z"
 
 Rotation = int | Literal["day", "hour"]
 """When a new file begins: after a number of bytes, or each day or hour (UTC)."""
@@ -108,12 +114,22 @@ class JsonLines(FileSink):
         return JsonFile(Path(self.jsonl), self.rotate, self.keep)
 
 
+class ForeignFileError(ValueError):
+    """Raised for a file whose content no sink of this kind has written; the text contains the remedy."""
+
+
 class LinesFile(Sink):
     """A file of complete lines: opening removes a partial line left by a crash.
+
+    A file with another first line, such as after a change of points, is put aside, and the user is informed of both
+    names. A file of other content is never touched: `open` raises ForeignFileError.
 
     If another program moves, deletes, replaces or cuts the file, the next row goes to the file at the path, after its
     head row. Raises OSError.
     """
+
+    noun: ClassVar[str]
+    """The noun for such a file in messages."""
 
     def __init__(self, path: Path, rotate: Rotation | None, keep: int | None) -> None:
         self.path, self._rotate, self._keep = path, rotate, keep
@@ -131,6 +147,10 @@ class LinesFile(Sink):
         """Return the first line of every file."""
 
     @abstractmethod
+    def is_own(self, data: bytes) -> bool:
+        """Return whether a file that begins with `data` was written by a sink of this kind, with any points."""
+
+    @abstractmethod
     def lines(self, time: str, values: Sequence[PointValue]) -> Iterator[bytes]:
         """Yield the lines of a sample."""
 
@@ -143,16 +163,21 @@ class LinesFile(Sink):
         self._try_room()
 
     def _begin(self) -> None:
-        """Continue the existing file or begin it; a file with another first line is put aside."""
+        """Continue the existing file or begin it; a file with another first line is put aside.
+
+        Raise ForeignFileError for a file of other content.
+        """
         self._file = file = open_alone(self.path)
         head = self.head()
         data = _read_at(file, 0, max(len(head), 1 << 16))
+        if data and not (head and data.startswith(head)) and not self.is_own(data):
+            self._let_go()
+            raise ForeignFileError(f"{self.path} is no {self.noun} of framekit – move it away, or name another file")
         first = data.splitlines(keepends=True)[len(head.splitlines()) : len(head.splitlines()) + 1]
         self._began = self.time_in(first[0]) if first else ""
         if data and not data.startswith(head):
             if not head.startswith(data):  # else a crash has cut the head
-                self._finish()
-                self._file = file = open_alone(self.path)
+                file = self._begin_anew()
             data = b""
         self._size = _whole_lines(file) if data else 0
         os.ftruncate(file, self._size)
@@ -160,6 +185,17 @@ class LinesFile(Sink):
             self._began = ""
             self._put(head)
         self._opened = OpenedFile(self.path)
+
+    def _begin_anew(self) -> int:
+        """Put the file aside because it has other columns, report that, and return the descriptor of a new file."""
+        aside = self._finish()
+        self._file = file = open_alone(self.path)
+        if os.fstat(file).st_size:  # a path such as /dev/stdout, which leads to the same file again
+            self._let_go()
+            raise FileExistsError(errno.EEXIST, f"{self.path} leads to {aside} – name another file")
+        if self._host is not None:
+            self._host.report(f"the file has other columns, it is {aside} now – a new file begins")
+        return file
 
     def _follow_path(self) -> None:
         """Open the file at the path if it is another file than the open one, or was cut."""
@@ -231,17 +267,22 @@ class LinesFile(Sink):
             raise
         self._size += len(data)
 
-    def _finish(self) -> None:
-        """Close the file, and put it aside under the time of its first line."""
+    def _finish(self) -> Path:
+        """Close the file, put it aside under the time of its first line, and return its new name."""
         self._let_go()
-        self.put_aside(stamp_of(self._began))
+        return self.put_aside(stamp_of(self._began))
 
-    def put_aside(self, stamp: str) -> None:
-        """Rename a finished file, and delete old files beyond `keep`."""
-        target = name_with(self.path, stamp)
-        self.path.rename(target)
+    def put_aside(self, stamp: str) -> Path:
+        """Rename a finished file, delete old files beyond `keep`, and return the new name.
+
+        A symbolic link at the path stays; the file to which it leads is renamed.
+        """
+        place = self.path if not self.path.is_symlink() else Path(os.path.realpath(self.path))
+        target = name_with(place, stamp)
+        place.rename(target)
         self._aside.append(target)
-        keep_newest(self.path, self._keep, self._aside)
+        keep_newest(place, self._keep, self._aside)
+        return target
 
     def close(self) -> None:
         self._let_go()
@@ -260,7 +301,7 @@ def stamp_of(time: str) -> str:
 def name_with(path: Path, stamp: str) -> Path:
     """Return an unused file name that contains the stamp."""
     found, number = path.with_name(f"{path.stem}.{stamp}{path.suffix}"), 1
-    while found.exists():
+    while os.path.lexists(found):
         number += 1
         found = path.with_name(f"{path.stem}.{stamp}.{number}{path.suffix}")
     return found
@@ -283,6 +324,14 @@ def keep_newest(path: Path, most: int | None, finished: list[Path]) -> None:
     for old in known[: max(0, len(known) - most)]:
         old.unlink(missing_ok=True)
     del finished[: max(0, len(finished) - most)]
+
+
+def begins_like(data: bytes, pattern: bytes, example: bytes) -> bool:
+    """Return whether data begin with a pattern.
+
+    Data that are shorter, such as after a crash, are completed from an example, which matches the pattern.
+    """
+    return re.match(pattern, data + example[len(data) :]) is not None
 
 
 def _read_at(file: int, start: int, size: int) -> bytes:
@@ -317,7 +366,19 @@ def _cell(point: Point, value: PointValue) -> str | None:
     return None if good is None else value_text(point, good)
 
 
-class CsvRows(LinesFile):
+class CsvTable(LinesFile):
+    """A table: a head row, whose first title is `time`, then rows that begin with a time."""
+
+    noun: ClassVar[str] = "csv file"
+
+    def is_own(self, data: bytes) -> bool:
+        head, end, rows = data.partition(b"\n")
+        if not end:
+            return begins_like(head, b"time,", b"time,")
+        return head.startswith(b"time,") and begins_like(rows, _TIME + b",", _EXAMPLE + b",")
+
+
+class CsvRows(CsvTable):
     """`time,point,value,unit,quality,reason`, a line for each value; the cell of a bad value is empty."""
 
     def head(self) -> bytes:
@@ -333,7 +394,7 @@ class CsvRows(LinesFile):
             yield _csv_line(time, one.name, _cell(point, one), point.unit, one.quality, one.reason)
 
 
-class CsvColumns(LinesFile):
+class CsvColumns(CsvTable):
     """A column for each point, its unit in the head; a cell is empty where the value is not good."""
 
     def __init__(self, path: Path, rotate: Rotation | None, keep: int | None) -> None:
@@ -353,8 +414,15 @@ class CsvColumns(LinesFile):
 class JsonFile(LinesFile):
     """`{"time", "point", "value", "unit", "quality"}`, and the `reason` of a bad value."""
 
+    noun: ClassVar[str] = "jsonl file"
+
     def head(self) -> bytes:
         return b""
+
+    def is_own(self, data: bytes) -> bool:
+        return begins_like(
+            data, rb'\{"time": "' + _TIME + b'", "point": "', b'{"time": "' + _EXAMPLE + b'", "point": "'
+        )
 
     def open(self, points: Sequence[Point]) -> None:
         self._units = {point.name: point.unit for point in points}

@@ -6,6 +6,7 @@ file at the path with its open file before it writes; that costs one system call
 
 from __future__ import annotations
 
+import errno
 import os
 import stat
 from pathlib import Path
@@ -13,6 +14,26 @@ from pathlib import Path
 MOVED = "the file was moved or deleted – a new file begins"
 REPLACED = "the file was replaced – the new file is continued"
 CUT = "the file was cut by another program – the rest of it is continued"
+
+
+_SPECIAL = {
+    stat.S_IFDIR: "a folder",
+    stat.S_IFCHR: "a character device",
+    stat.S_IFBLK: "a block device",
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFSOCK: "a socket",
+}
+
+
+def refuse_special(path: Path) -> None:
+    """Raise OSError if the path leads to a folder, a device, a pipe or a socket, without opening it."""
+    try:
+        mode = os.stat(path).st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        return
+    if not stat.S_ISREG(mode):
+        kind = _SPECIAL.get(stat.S_IFMT(mode), "no regular file")
+        raise FileExistsError(errno.EEXIST, f"{path} is {kind} – name another file")
 
 
 class OpenedFile:

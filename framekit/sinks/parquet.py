@@ -18,7 +18,7 @@ from framekit.definition.keys import NUMBER, Form, key, words
 from framekit.definition.problems import plural
 from framekit.run.points import PointValue
 from framekit.sinks.base import FILE, Sink, SinkKind, good_value, not_installed, value_type
-from framekit.sinks.files import LinesFile, keep_newest, name_with, stamp_of
+from framekit.sinks.files import LinesFile, begins_like, keep_newest, name_with, stamp_of
 
 CELLS_AT_ONCE = 500_000
 """Largest number of values in memory while a file is made."""
@@ -52,6 +52,8 @@ class ParquetFiles(SinkKind):
 class ParquetSink(LinesFile):
     """Rows wait as lines; each has the time and the changed values. A finished file is never written again."""
 
+    noun: ClassVar[str] = "file of rows"
+
     def __init__(self, path: Path, rotate: Literal["hour", "day"], keep: int | None) -> None:
         super().__init__(path.with_name(f"{path.name}.part"), rotate, None)
         self.finished, self._most = path, keep
@@ -66,13 +68,19 @@ class ParquetSink(LinesFile):
         self._rows += 1
         yield json.dumps([time, {one.name: good_value(one) for one in values}], ensure_ascii=False).encode() + b"\n"
 
-    def put_aside(self, stamp: str) -> None:
-        """Convert the rows to a Parquet file; they are deleted when it is complete."""
-        self._convert(self.path, stamp)
-        self.path.unlink()
+    def is_own(self, data: bytes) -> bool:
+        return begins_like(data, rb'\{"columns": \[', b'{"columns": [')
 
-    def _convert(self, lines: Path | int, stamp: str) -> None:
-        """Write the rows of a file or of a file descriptor to a Parquet file, which appears complete."""
+    def put_aside(self, stamp: str) -> Path:
+        """Convert the rows to a Parquet file and return its name; they are deleted when it is complete."""
+        target = self._convert(self.path, stamp)
+        self.path.unlink()
+        return target
+
+    def _convert(self, lines: Path | int, stamp: str) -> Path:
+        """Write the rows of a file or of a file descriptor to a Parquet file, which appears complete; return its
+        name.
+        """
         target = name_with(self.finished, stamp)
         half = target.with_name(f"{target.name}.half")
         try:
@@ -83,6 +91,7 @@ class ParquetSink(LinesFile):
         self._rows = 0
         self._aside.append(target)
         keep_newest(self.finished, self._most, self._aside)
+        return target
 
     def leave(self) -> None:
         """Convert the rows of a moved or deleted file, which is still open: they exist nowhere else."""

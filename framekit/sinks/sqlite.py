@@ -15,8 +15,8 @@ from typing import Any, ClassVar, NamedTuple
 from framekit.definition.keys import key
 from framekit.definition.times import NEVER
 from framekit.run.model import Point
-from framekit.sinks.base import FILE, PERIOD, Host, Sampled, Sink, SinkKind, as_glob, good_value, open_alone
-from framekit.sinks.database import bound_log, close_moved, connected, transaction
+from framekit.sinks.base import FILE, PERIOD, Host, Sampled, Sink, SinkKind, as_glob, good_value
+from framekit.sinks.database import bound_log, close_moved, connected, lock_of, transaction
 from framekit.sinks.opened_file import OpenedFile
 
 APPLICATION = 0x464B4856
@@ -93,7 +93,7 @@ class SqliteSink(Sink):
 
     def open(self, points: Sequence[Point]) -> None:
         self._points = points
-        self._lock = open_alone(self.path.with_name(f"{self.path.name}.lock"))
+        self._lock = lock_of(self.path)
         was_empty = self._opened is None and self.path.exists() and not self.path.stat().st_size
         try:
             self._database = database = connected(self.path)

@@ -18,8 +18,8 @@ from pathlib import Path
 from framekit.definition.keys import NUMBER, Form, key, ref
 from framekit.run.points import PointValue
 from framekit.run.trouble import Dropped
-from framekit.sinks.base import Sampled, SinkKind, open_alone
-from framekit.sinks.database import bound_log, close_moved, connected, transaction, write_once
+from framekit.sinks.base import Sampled, SinkKind
+from framekit.sinks.database import bound_log, close_moved, connected, lock_of, transaction, write_once
 from framekit.sinks.opened_file import REPLACED, OpenedFile
 
 APPLICATION = 0x464B5746
@@ -95,7 +95,7 @@ class Store:
     def open(self) -> None:
         """Open the file with the samples of earlier runs."""
         with self._lock:
-            self._file = open_alone(self.path.with_name(f"{self.path.name}.lock"))
+            self._file = lock_of(self.path)
             try:
                 self._database = database = self._connected()
                 first, last = database.execute("SELECT min(number), max(number) FROM waiting").fetchone()

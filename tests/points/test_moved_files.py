@@ -92,11 +92,11 @@ def test_a_file_that_was_put_there_is_continued(tmp_path: Path) -> None:
     path, other = tmp_path / "a.jsonl", tmp_path / "other.jsonl"
     work = Feeding(JsonLines(jsonl=str(path), at=NOWHERE))
     work.put(1)
-    other.write_text('{"mine": 1}\n')
+    other.write_text('{"time": "2019-01-01T00:00:00.000Z", "point": "mine", "value": 1, "quality": "good"}\n')
     other.replace(path)
     work.put(2)
     work.feeder.stop()
-    assert [line[:12] for line in lines_of(path)] == ['{"mine": 1}', '{"time": "20']
+    assert [line[:14] for line in lines_of(path)] == ['{"time": "2019', '{"time": "2026']
     assert work.lines == [f"sink jsonl {path}: {REPLACED}"]
 
 
