@@ -39,11 +39,11 @@ REMEDIES = (
     ("read-only file system", "make it writable"),
     ("readonly database", "change its permissions"),
 )
-"""What users can do about reasons that contain a text, in lower case."""
+"""Remedies of users for failures of files whose reasons contain a text, in lower case."""
 
 
 def remedy_of(reason: str) -> str:
-    """Return what the user can do about a reason of a system or a library; '' if it is not known."""
+    """Return a remedy for the failure of a file, from its reason; '' if none is known."""
     small = reason.lower()
     return next((remedy for text, remedy in REMEDIES if text in small), "")
 
@@ -159,15 +159,16 @@ class TroubleSource:
 
     `effect` describes the consequence for the data, for the first report; `count` gives the samples of the part.
     `well`: the sentence for the end of a trouble; `is_whole`: whether a reason already has its remedy and its effect.
+    `is_file`: whether the part writes a file; only then `remedy_of` fits its reasons.
     """
 
     def __init__(
         self, troubles: Troubles, name: str, effect: Callable[[], str], count: Callable[[], Count], unit: str,
-        well: str, is_whole: bool,
+        well: str, is_whole: bool, is_file: bool,
     ) -> None:  # fmt: skip
         self.name = name
         self.reason = ""
-        self._well, self._is_whole = well, is_whole
+        self._well, self._is_whole, self._is_file = well, is_whole, is_file
         self._troubles = troubles
         self._effect, self._count, self._unit = effect, count, unit
         self._since = 0
@@ -185,7 +186,8 @@ class TroubleSource:
                 self._since = self._troubles.now() if since is None else since
                 self._lost_before = self._count().lost
         if not before:
-            more = "" if self._is_whole else "; ".join(filter(None, (remedy_of(reason), self._effect())))
+            remedy = remedy_of(reason) if self._is_file else ""
+            more = "" if self._is_whole else "; ".join(filter(None, (remedy, self._effect())))
             self._report("begins", f"{self.name}: {reason}{f' – {more}' if more else ''}")
         elif before != reason:
             log.warning("%s: %s", self.name, reason)
@@ -251,10 +253,10 @@ class Troubles:
 
     def source(
         self, name: str, effect: Callable[[], str] = lambda: "", count: Callable[[], Count] = Count,
-        unit: str = "sample", well: str = "works again", is_whole: bool = False,
+        unit: str = "sample", well: str = "works again", is_whole: bool = False, is_file: bool = True,
     ) -> TroubleSource:  # fmt: skip
         """Register a part of the run."""
-        found = TroubleSource(self, name, effect, count, unit, well, is_whole)
+        found = TroubleSource(self, name, effect, count, unit, well, is_whole, is_file)
         self._sources.append(found)
         return found
 

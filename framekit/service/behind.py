@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 
 class Behind:
-    """Passes records to `write`, in order, in a thread of its own; about `most` bytes may wait.
+    """Passes joined records and their number to `write`, in order, in a thread; about `most` bytes may wait.
 
     `write` handles its failures. If it raises an error all the same, `has_failed` is called in the thread with the
     error and the number of records that are not written, and later records are refused.
@@ -15,7 +15,7 @@ class Behind:
 
     def __init__(
         self,
-        write: Callable[[bytes], object],
+        write: Callable[[bytes, int], object],
         most: int,
         name: str,
         has_failed: Callable[[BaseException, int], object],
@@ -76,7 +76,7 @@ class Behind:
             if not records:
                 return
             data, self._in_write = b"".join(records), len(records)
-            self._write(data)
+            self._write(data, self._in_write)
             with self._change:
                 self._waiting -= len(data)
                 self._change.notify_all()

@@ -353,25 +353,29 @@ class _Sink:
         """Write a record and return True; a sink with limited room returns False if it is full, unless `wait` is
         set.
         """
-        if self.trouble.reason:
-            self._lost += 1
-        elif not self._file.closed:
-            self._write(record)
+        self.write_records(record, 1)
         return True
+
+    def write_records(self, records: bytes, number: int) -> None:
+        """Write joined records, or count all of them as lost."""
+        if self.trouble.reason:
+            self._lost += number
+        elif not self._file.closed:
+            self._write(records, number)
 
     def has_failed(self, error: BaseException, number: int) -> None:
         """Report an error of the thread that writes; `number` records are not written."""
         self.trouble.begins(f"{type(error).__name__}: {error}")
         self._lost += number
 
-    def _write(self, record: bytes) -> None:
+    def _write(self, records: bytes, number: int) -> None:
         try:
             self._follow_path()
-            written = self._file.write(record)
-            if written < len(record):
+            written = self._file.write(records)
+            if written < len(records):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         except OSError as error:
-            self._lost += 1
+            self._lost += number
             with suppress(OSError, ValueError):  # a reader passes over a record that is cut off
                 self._file.truncate(self._size)
             self.trouble.begins(error.strerror or str(error))
@@ -393,7 +397,7 @@ class _LaterSink:
         """Create the file, and begin to write it in a thread. Raise OSError."""
         self.path = path
         self._sink = _Sink(path, head, troubles)
-        self._behind = Behind(self._sink.write, MOST_WAITING, f"writes {path}", self._sink.has_failed)
+        self._behind = Behind(self._sink.write_records, MOST_WAITING, f"writes {path}", self._sink.has_failed)
 
     def write(self, record: bytes, *, wait: bool = False) -> bool:
         if self._behind.failed:

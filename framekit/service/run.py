@@ -265,7 +265,7 @@ class RunService(ChannelOwner):
         source = self._slow.get(key)
         if source is None:
             well = f"{station.who} answers in time again"
-            source = self._slow[key] = self.troubles.source(f"channel {channel}", unit="", well=well)
+            source = self._slow[key] = self.troubles.source(f"channel {channel}", unit="", well=well, is_file=False)
         if not is_slow:
             source.ends()
         elif source.reason:

@@ -167,7 +167,9 @@ class SinkFeeder:
         self._most = MOST_WAITING if store is None else store.most
         self._is_stored = store is not None
         name = f"sink {kind.word} {kind.target}"
-        self.trouble = self._troubles.source(name, lambda: waiting_text(len(self._waiting), self._most), self._count)
+        self.trouble = self._troubles.source(
+            name, lambda: waiting_text(len(self._waiting), self._most), self._count, is_file=kind.is_local
+        )
         self.store_trouble: TroubleSource | None = None
         if store is not None:
             self.store_trouble = self._troubles.source(

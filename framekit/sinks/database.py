@@ -43,13 +43,18 @@ def close_moved(database: sqlite3.Connection, path: Path) -> None:
     """Close a database whose file was moved or deleted after it was opened at `path`. Raise OSError.
 
     SQLite itself would leave the last commits in the log, which has the name of the path: they would be missing in the
-    moved file, and lie next to the next database.
+    moved file, and lie next to the next database. A log of the database that is at the path now is kept.
     """
+    is_written = False
     with suppress(sqlite3.Error):  # of a connection that has failed before
-        database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
+        ((busy, _, _),) = database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        is_written = not busy
     database.close()
-    for name in LOGS:
-        Path(f"{path}{name}").unlink(missing_ok=True)
+    logs = [Path(f"{path}{name}") for name in LOGS]
+    if is_written and logs[0].exists() and logs[0].stat().st_size:
+        return  # the own log is empty now
+    for log in logs:
+        log.unlink(missing_ok=True)
 
 
 def write_once(database: sqlite3.Connection, setting: str, value: int) -> None:

@@ -100,6 +100,27 @@ def test_a_file_that_was_put_there_is_continued(tmp_path: Path) -> None:
     assert work.lines == [f"sink jsonl {path}: {REPLACED}"]
 
 
+def test_the_log_of_a_database_that_was_put_there_is_kept(tmp_path: Path) -> None:
+    """A copy with its log: the last rows are in the log."""
+    path, copied = tmp_path / "a.db", tmp_path / "copied"
+    work, other = Feeding(SqliteHistory(sqlite=str(path), at=NOWHERE)), tmp_path / "other.db"
+    work.put(1)
+    from_there = Feeding(SqliteHistory(sqlite=str(other), at=NOWHERE))
+    from_there.put(5, 6)
+    copied.mkdir()
+    for end in ("", "-wal"):
+        (copied / f"a.db{end}").write_bytes(Path(f"{other}{end}").read_bytes())
+    from_there.feeder.stop()
+    for end in ("", "-wal", "-shm"):
+        Path(f"{path}{end}").rename(tmp_path / f"moved.db{end}")
+    for end in ("", "-wal"):
+        (copied / f"a.db{end}").rename(f"{path}{end}")
+    work.put(3)
+    work.feeder.stop()
+    assert [row.value for row in read_history(path)] == [3, 5, 6]
+    assert [row.value for row in read_history(tmp_path / "moved.db")] == [1]
+
+
 def test_values_wait_while_the_folder_is_missing(tmp_path: Path) -> None:
     """A disk that is unmounted: its folder is not made on the disk below."""
     folder = tmp_path / "disk"

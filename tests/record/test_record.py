@@ -94,6 +94,11 @@ class Bench:
         self.clock.run_for(0)
 
 
+def records_of(path: Path) -> int:
+    with CaptureReader(path) as reader:
+        return sum(1 for _ in reader._reader._records())  # type: ignore[union-attr]
+
+
 def events_of(path: Path) -> list[LineEvent]:
     with CaptureReader(path) as reader:
         found = [event for _, event in reader.events()]
@@ -204,15 +209,15 @@ def test_a_slow_disk_holds_up_nothing_and_the_file_says_what_is_missing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     go_on, writing = threading.Event(), threading.Event()
-    write = captures._Sink.write
+    write = captures._Sink.write_records
 
-    def slow(sink: captures._Sink, record: bytes, *, wait: bool = False) -> bool:
+    def slow(sink: captures._Sink, records: bytes, number: int) -> None:
         writing.set()
         go_on.wait()
-        return write(sink, record)
+        write(sink, records, number)
 
     monkeypatch.setattr(captures, "MOST_WAITING", 2000)
-    monkeypatch.setattr(captures._Sink, "write", slow)
+    monkeypatch.setattr(captures._Sink, "write_records", slow)
     bench = Bench(path := tmp_path / name)
     writing.wait()
     sent = [bytes([number]) * 100 for number in range(60)]
@@ -258,15 +263,27 @@ def _only_when_waiting(write: Callable[..., bool]) -> Callable[..., bool]:
     return refusing
 
 
-def test_a_full_disk_is_told(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [1, 3])
+def test_a_full_disk_is_told(tmp_path: Path, number: int) -> None:
+    """The records wait for the thread, which writes them together."""
     full = tmp_path / "x.pcap"
     bench = Bench(full)
     sink = next(iter(bench.recorder._capture._sinks.values()))  # type: ignore[union-attr]
-    os.dup2(descriptor := os.open("/dev/full", os.O_WRONLY), sink._sink._file.fileno())  # type: ignore[union-attr]
-    os.close(descriptor)
-    bench.wires[0].hear(ASK)
+    behind = sink._behind  # type: ignore[union-attr]
+    with behind._change:
+        assert behind._change.wait_for(lambda: not behind._waiting, 60)
+        os.dup2(descriptor := os.open("/dev/full", os.O_WRONLY), sink._sink._file.fileno())  # type: ignore[union-attr]
+        os.close(descriptor)
+        for _ in range(number):
+            bench.wires[0].hear(ASK)
     bench.recorder.stop()
-    assert len(bench.recorder.problems) == 1 and bench.recorder.problems[0].endswith("1 record was lost")
+    (problem,) = bench.recorder.problems
+    whole = Bench(tmp_path / "whole.pcap")
+    for _ in range(number):
+        whole.wires[0].hear(ASK)
+    whole.recorder.stop()
+    lost = records_of(tmp_path / "whole.pcap") - records_of(full)
+    assert lost >= number and problem.endswith(f" {lost} records were lost")
 
 
 def test_an_error_of_the_thread_that_writes_is_a_trouble_of_the_capture(
@@ -291,11 +308,12 @@ def test_an_error_of_the_thread_that_writes_is_a_trouble_of_the_capture(
 
 
 def test_what_waits_for_a_slow_writer_is_bounded() -> None:
-    go_on, written = threading.Event(), bytearray()
+    go_on, written, numbers = threading.Event(), bytearray(), list[int]()
 
-    def write(data: bytes) -> None:
+    def write(data: bytes, number: int) -> None:
         go_on.wait()
         written.extend(data)
+        numbers.append(number)
 
     behind = Behind(write, 100, "test", lambda error, number: None)
     taken = [behind.write(bytes([number]) * 10) for number in range(40)]
@@ -304,6 +322,7 @@ def test_what_waits_for_a_slow_writer_is_bounded() -> None:
     assert behind.write(b"end", wait=True)
     behind.close()
     assert bytes(written) == b"".join(bytes([number]) * 10 for number in range(taken.count(True))) + b"end"
+    assert sum(numbers) == taken.count(True) + 1
     assert not behind.write(b"more")
 
 
@@ -425,7 +444,10 @@ def test_the_file_is_whole_when_its_shower_has_gone(tmp_path: Path) -> None:
         one.stdout.close()
         other = os.open(pair.second, os.O_RDWR | os.O_NOCTTY)
         os.write(other, ASK)
-        assert one.wait(60) == 1
+        assert one.stderr is not None
+        assert any("standard output: its reader has gone" in line for line in iter(one.stderr.readline, ""))
+        one.send_signal(signal.SIGTERM)
+        assert one.wait(60) == 0
         os.close(other)
     assert [event.kind for event in events_of(path)][-1] == "closed"
 

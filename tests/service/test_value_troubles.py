@@ -15,7 +15,7 @@ from framekit.run.trouble import TroubleReport
 from framekit.runfile.run_file import load_run
 from framekit.service import value_troubles
 from framekit.service.run import RunService, run_status
-from framekit.service.value_troubles import FIRST_PAUSE, MOST_NAMED
+from framekit.service.value_troubles import FIRST_PAUSE, MOST_NAMED, failure_text
 from framekit.sinks.prometheus import _of_troubles
 from framekit.transport.clock import VirtualClock
 from framekit.transport.port import PortEvents
@@ -344,6 +344,16 @@ def test_a_wait_of_a_request_that_no_block_has_made_is_not_reported(tmp_path: Pa
     world.run(0.5)
     world.service.waits(1, 9, world.clock.now() + 60 * SECOND)
     assert world.run(30) == [] and world.shown == []
+
+
+def test_a_refusal_of_a_device_has_no_remedy_for_files(tmp_path: Path) -> None:
+    """A text of a protocol may read like a failure of a file: its remedy would mislead."""
+    world = World(write_blocks(tmp_path))
+    failure = Failure(outcome="refused", device_code=0xF009, meaning="data or file too large")
+    world.service.values.failed(next(iter(world.service.states.values())).block, 1, failure)
+    assert world.run(0.9) == []
+    world.service.stop()
+    assert world.reports[-1][2] == f"channel 1: {failure_text(failure)} – 1 block without success (0 READ 40001)"
 
 
 def test_the_blocks_of_a_run_are_looked_through_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
