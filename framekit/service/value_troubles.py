@@ -276,8 +276,9 @@ class Part:
         causes = list(self._causes().values())
         found = []
         for cause, items in causes[:MOST_CAUSES]:
-            effect = self._owner.named(self.key[0] if (PORT, "") in items else None, tuple(items))
-            more = "; ".join(filter(None, (remedy_of(cause.text), effect)))
+            is_port = (PORT, "") in items
+            effect = self._owner.named(self.key[0] if is_port else None, tuple(items))
+            more = "; ".join(filter(None, (remedy_of(cause.text) if is_port else "", effect)))
             found.append(f"{cause.text} – {more}" if more else cause.text)
         left = len(causes) - MOST_CAUSES
         if left > 0:
