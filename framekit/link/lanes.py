@@ -250,7 +250,8 @@ class Lanes:
         receiving = [run for run in self.machine.order if run.state is RECEIVING]
         for run in receiving:
             if bad.frame in run.expected:
-                run.unusable_replies().add_bad(bad)
+                is_reply = run.asked is not None and self.machine.late.is_damaged_reply(bad, run, run.asked)
+                run.unusable_replies().add_bad(bad, is_reply=is_reply)
                 run.cause = str(run.unusable)
                 self.handle(run, "on_bad", Bad(bad.cause, bad.frame))
                 return True

@@ -19,14 +19,16 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Mapping
 from typing import Any
 
+from framekit.codec.errors import FrameError
 from framekit.definition.model.protocol import Protocol
+from framekit.link.arrivals import BadFrame
 from framekit.link.awaited_replies import Replies
 from framekit.link.events import Exchange
 from framekit.link.frame_table import FrameTable
 from framekit.link.scope import Scope
 from framekit.link.sequences.state import NO_NAMES, Run
 from framekit.link.slow import SlowStations, key_of
-from framekit.link.values import EVALUATION_ERRORS, FrameValue, Names, compile_optional
+from framekit.link.values import CODEC_ERRORS, EVALUATION_ERRORS, FrameValue, Names, compile_optional
 
 LONGEST = 60_000_000_000
 """Upper limit of every hold (ns)."""
@@ -113,7 +115,7 @@ class Doubt:
         self.is_draining = False
 
     def restart(self, now: int) -> None:
-        """Begin to gather replies again, after a hold."""
+        """Begin to gather replies again, after a hold or a lost request."""
         self.gathers_from, self.quickest = now, LONGEST
         self.changes = self.equal = 0
         self.result = None
@@ -177,12 +179,32 @@ class LateReplies:
 
     def miss(self, run: Run, x: Exchange) -> None:
         """Note that the wait of a run ended, or that its request is repeated, and no reply has come."""
-        more = self.time(x.names, run.longest)
+        more, unusable = self.time(x.names, run.longest), run.unusable
         if more:
             request = request_of(run, x)
-            request.is_met = run.unusable is not None and run.unusable.take_new()
+            request.is_met = unusable is not None and unusable.take_new()
+            if request.is_met and unusable is not None and unusable.is_reply and not self.open:
+                return  # its reply has come, damaged
             self._add(request)
             self._hold(x.station, run.started, run.longest, more)
+
+    def is_damaged_reply(self, bad: BadFrame, run: Run, x: Exchange) -> bool:
+        """Return whether a bad frame is the only frame of the reply to a request, right but for its check code."""
+        info = self._table.infos.get(bad.frame)
+        if self.open or not self.expected.is_single or info is None or bad.cause != "check":
+            return False
+        fields: dict[str, Any] = {}
+        try:
+            info.decode(bad.raw, self._scope)
+        except FrameError as error:
+            if error.cause == "check" and error.also is None:
+                fields = error.fields
+        except CODEC_ERRORS:
+            return False
+        try:
+            return bool(fields) and self._is_reply_to(info.make(fields, bad.raw, None), request_of(run, x))
+        except CODEC_ERRORS:
+            return False
 
     def took(self, run: Run, x: Exchange) -> None:
         """Note a reply to a request that was repeated: it answers the first of the equal requests, others are open."""
@@ -197,10 +219,21 @@ class LateReplies:
             self.slow.answered_in_time(x.station)
         if not own:
             self.last = 0  # this reply came in time: a reply before it did not wait for another one
-        if own or (self.until and self._may_be_another(x.taken)):
+        if own and self._is_prompt(run, x, own[0]):
+            self.until = self._scope.now + silence(self._scope.now - run.started, run.longest)
+        elif own or (self.until > self._scope.now and self._may_be_another(x.taken)):
             more = self.time(x.names, run.longest)
             self._hold(x.station, own[0].at if own else run.started, run.longest, more)
             self._hold(x.station, run.started, run.longest, more)
+
+    def _is_prompt(self, run: Run, x: Exchange, first: OpenRequest) -> bool:
+        """Return whether the reply to a repeated request came quickly, and nothing shows that the device was ever late.
+
+        Then the first request, or its reply, was probably lost. The line is out of step all the same.
+        """
+        took = self._scope.now - run.started
+        is_known = self.strange_since or self.seen_at >= first.at or self._greatest_of(x.station)
+        return not is_known and took <= run.longest // 8
 
     def _may_be_another(self, reply: FrameValue | None) -> bool:
         """Return whether a reply in time may be the reply to an open request, or to an unknown request."""
@@ -456,12 +489,10 @@ class LateReplies:
         doubt = run.doubt
         if doubt is None:
             doubt = run.doubt = Doubt(now)
-        elif doubt.is_held and doubt.restarts < MOST_RESTARTS and self._may_be_well(others):
-            self._count(doubt)
-            run.first_open = self.count
-            doubt.restart(now)
+        elif doubt.is_held and self._may_restart(doubt, others):
+            self._restart(run, doubt, now)
         doubt.asks.append((request_of(run, x), now))
-        doubt.is_held = self.until > now
+        doubt.is_held = self.until > now + silence(now - run.started, within)
         content, took = content_of(results, reply), now - run.asked_at
         if doubt.equal and content == doubt.result:
             doubt.equal += 1
@@ -479,13 +510,25 @@ class LateReplies:
         if gathered < within and number < MOST_OPEN:
             doubt.extra = 0
             return now + silence(took, within)
+        if any(one.number >= run.first_open for one in self.open) and self._may_restart(doubt, others):
+            end = max(self.until, now + silence(now - run.started, within))
+            self._restart(run, doubt, end)  # one of the requests that gather replies was lost
+            return end
         return self._drain(run, doubt)
 
-    def _may_be_well(self, others: list[OpenRequest]) -> bool:
-        """Return whether a device that answers quickly after a hold may be well: no open request shows the contrary.
+    def _restart(self, run: Run, doubt: Doubt, begin: int) -> None:
+        """Gather replies again from `begin` on (ns): those before are late replies."""
+        self._count(doubt)
+        run.first_open = self.count
+        doubt.restart(begin)
+
+    def _may_restart(self, doubt: Doubt, others: list[OpenRequest]) -> bool:
+        """Return whether a device that answers quickly may be well: no open request shows the contrary.
 
         Either no late reply has come since the first of them, or something has come for each.
         """
+        if doubt.restarts >= MOST_RESTARTS:
+            return False
         return self.seen_at < min(one.at for one in others) or all(one.is_met for one in others)
 
     def _believe(self, run: Run) -> int:

@@ -8,13 +8,15 @@ from framekit.link.arrivals import BadFrame
 class UnusableReplies:
     """The unusable replies of one exchange: their number, and the fault of the last."""
 
-    __slots__ = ("_checks", "_detail", "_known", "bad", "count")
+    __slots__ = ("_checks", "_detail", "_known", "bad", "count", "is_reply")
 
     def __init__(self) -> None:
         self.count = 0
         """Number of replies that arrived and could not be used."""
         self.bad = 0
         """Number of these that were bad frames; the others answer another request."""
+        self.is_reply = False
+        """Whether the last of them was the reply to the request, but for its check code."""
         self._known = 0
         """Value of `count` at the last call of `take_new`."""
         self._checks = 0
@@ -26,10 +28,11 @@ class UnusableReplies:
         is_new, self._known = self.count > self._known, self.count
         return is_new
 
-    def add_bad(self, bad: BadFrame) -> None:
-        """Note a bad frame."""
+    def add_bad(self, bad: BadFrame, *, is_reply: bool) -> None:
+        """Note a bad frame; `is_reply`: it is the reply to the request, but for its check code."""
         self.count += 1
         self.bad += 1
+        self.is_reply = is_reply
         if bad.cause == "check":
             self._checks += 1
             self._detail = f"expected {bad.expected}, found {bad.found}"
@@ -39,6 +42,7 @@ class UnusableReplies:
     def add_unfit(self, frame: str, difference: str) -> None:
         """Note a good frame that does not repeat the request; `difference`: `station is 8, not 7`."""
         self.count += 1
+        self.is_reply = False
         self._detail = f"{frame}: {difference}"
 
     def __str__(self) -> str:

@@ -174,17 +174,27 @@ def test_a_late_reply_gives_the_others_as_long_again() -> None:
 
 
 def test_a_damaged_reply_may_be_none() -> None:
-    """A bad frame is no reply that has come: the one that it was, or seemed to be, may still come."""
+    """A bad frame of another station is no reply that has come: the reply may still come."""
+    side = Side()
+    side.read("R1", 0)
+    side.come(side.replies[0][:1] + b"\x09" + side.replies[0][2:-1] + b"\0")
+    assert len(side.sent) == 2 and side.engine.counters.bad == 1 and len(side.engine.late.open) == 1
+
+
+def test_a_reply_with_a_wrong_check_code_is_the_reply() -> None:
+    """In step, a frame that is the reply but for its check code leaves no open request."""
     side = Side()
     side.read("R1", 0)
     side.come(side.replies[0][:-1] + b"\0")
-    assert len(side.sent) == 2 and side.engine.counters.bad == 1
-    side.reply(1)
-    side.read("R2", 22)
-    side.until(1999 * MS)
-    assert side.values == [[0]] and len(side.sent) == 2
-    side.until(2 * SECOND)
-    assert len(side.sent) == 3
+    assert len(side.sent) == 2 and side.engine.counters.bad == 1 and not side.engine.late.open
+
+
+def test_a_reply_with_a_wrong_check_code_out_of_step_closes_nothing() -> None:
+    side = Side()
+    side.read("R1", 0)
+    side.until(1100 * MS)
+    side.come(side.replies[0][:-1] + b"\0")
+    assert len(side.sent) == 3 and side.engine.counters.bad == 1 and len(side.engine.late.open) == 2
 
 
 def test_an_unexpected_reply_when_nothing_is_under_way_is_a_sign() -> None:

@@ -49,6 +49,16 @@ def test_values_come_soon_after_damaged_and_late_replies(name: str, rules: tuple
     assert good[0] < well + 10 * SECOND and len(good) > 30, good
 
 
+@pytest.mark.parametrize(("kind", "most"), [("wrong_check", 3), ("no_reply", 75)])
+@pytest.mark.parametrize("name", ALIKE)
+def test_one_bad_reply_in_twenty_stops_no_line(name: str, kind: str, most: int) -> None:
+    """A device that answers promptly is read on; a lost reply costs its time limit and the proof of the next values."""
+    world = LateWorld(name, FaultRule(kind=kind, rate=1 / 20))
+    good = poll(world, 300 * SECOND)
+    assert world.wrong == []
+    assert len(good) >= 298 - most, len(good)
+
+
 @pytest.mark.parametrize(("name", "seed"), spread(product(ALIKE, range(12)), 5))
 def test_no_value_is_wrong_in_drawn_sequences_of_troubles(name: str, seed: int) -> None:
     """Spans of damaged, strange, lost and late replies, and single late replies.
@@ -69,7 +79,7 @@ def test_no_value_is_wrong_in_drawn_sequences_of_troubles(name: str, seed: int) 
     world = LateWorld(name, *rules, seed=seed, lateness=lateness, retries=seed % 3)
     good = poll(world, 300 * SECOND)
     assert world.wrong == []
-    assert len(good) > 30
+    assert len(good) > 12  # 100 s of the 300 are without trouble, and the longest hold takes 60 s
 
 
 RUN = """run: alone
