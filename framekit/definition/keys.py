@@ -128,17 +128,22 @@ def read_keys(
     """Return the attributes that the keys of a mapping give, in the order of the table, after the `known` ones. Raises
     Broken.
 
-    `broken`: called for a broken key; then its attribute is left out if it is optional, and the other keys are read.
+    `broken`: called for a broken key; then the other keys are read, and its attribute is left out. If it is required,
+    Broken is raised after the last key.
     """
     reading = KeyReading(loader, mapping)
     reading.found |= known
+    missing: Broken | None = None
     for attribute, one in table_of(part).items():
         try:
             reading.found[attribute] = one.read(reading)
-        except Broken:
-            if broken is None or one.required:
+        except Broken as error:
+            if broken is None:
                 raise
             broken()
+            missing = error if one.required else missing
+    if missing is not None:
+        raise missing
     return reading.found
 
 

@@ -57,6 +57,10 @@ class Attempts:
     def __init__(self) -> None:
         self.spoilt = False
 
+    def spoil(self) -> None:
+        """Note that a part was broken."""
+        self.spoilt = True
+
     @contextmanager
     def going_on(self) -> Iterator[None]:
         """Continue after the `with` block if its body raises Broken."""
@@ -94,6 +98,8 @@ class ChannelLoader:
         self.folder = folder
         self.protocols: dict[str, Protocol | None] = {}
         self.attempts = Attempts()
+        self.broken: dict[int, Channel] = {}
+        """Channels with errors in some keys, which are left out; their protocol is valid."""
 
     def channel(self, entry: Entry, grammar: AddressGrammar, *, numbered: bool = True) -> Channel:
         """Return a channel. Raise Broken if any key is invalid.
@@ -107,10 +113,13 @@ class ChannelLoader:
         port_node = keys.get("port") or entry.key
         port = self.attempts.maybe(self._port, keys.get("port"))
         answer = self.attempts.maybe(reader.time, keys.get("answer"))
-        protocol = self._protocol(keys)
+        protocol = self.attempts.to(lambda: self._protocol(keys))
+        if protocol is None:
+            self._look_at_rest(keys, port or "", port_node)
+            raise Broken(entry.key.text)
         port = self._with_number(port or "", port_node, protocol)
         line = self._line(keys, protocol)
-        wires = LineLoader(reader, keys, protocol, port, line)
+        wires = LineLoader(reader, keys, port, line)
         silence = self.rules.silence(keys, line)
         channel = Channel(
             number=number or 0,
@@ -118,7 +127,7 @@ class ChannelLoader:
             protocol=protocol,
             role=self._role(keys, entry, protocol),
             line=line,
-            wiring=wires.settings(),
+            wiring=wires.settings(protocol),
             host=self.attempts.maybe(reader.text, keys.get("host")) or "",
             own=self.attempts.maybe(lambda node: read_station(reader, node, protocol), keys.get("own")),
             station=self.attempts.maybe(lambda node: read_station(reader, node, protocol), keys.get("station")),
@@ -144,8 +153,21 @@ class ChannelLoader:
             what = f"channel {entry.key.text} listens for connections, and nothing it does begins on one"
             reader.note(port_node.at, what, "give it an answering role, or write tcp:// to connect to the other side")
         if self.attempts.spoilt:
+            if number is not None:
+                self.broken.setdefault(number, channel)
             raise Broken(entry.key.text)
         return channel
+
+    def _look_at_rest(self, keys: Mapping, port: str, port_node: Node) -> None:
+        """Note problems of the keys of a channel that do not depend on its protocol."""
+        reader, line = self.reader, parse_format("8N1", 9600)
+        if not WITHOUT_NUMBER.fullmatch(port):
+            self._check_port(port, port_node)
+        self.attempts.to(lambda: self.rules.silence(keys, line))
+        self.attempts.to(lambda: self.rules.dead(keys))
+        self.attempts.to(lambda: self.rules.merge(keys))
+        self.attempts.to(LineLoader(reader, keys, port, line).single)
+        self.attempts.maybe(self._limits, keys.get("clients"))
 
     def _unused(self, keys: Mapping, channel: Channel, name: str) -> None:
         """Note keys without effect: for requests on an answering channel, and `map` on a channel without answers."""
@@ -165,7 +187,16 @@ class ChannelLoader:
             what = f"'{port}' names no port number, and '{protocol.name}' has none of its own"
             self.reader.note(node.at, what, f"write {port.rstrip('/')}:NUMBER")
             self.attempts.spoilt = True
+        else:
+            self._check_port(found, node)
         return found
+
+    def _check_port(self, port: str, node: Node) -> None:
+        """Note an invalid place in a port, such as a number beyond 65535."""
+        kind = scheme_of(port)
+        if kind is not None and kind.check is not None:
+            with self.attempts.going_on(), self.reader.refusing(node.at):
+                kind.check(port)
 
     def _limits(self, node: Node) -> ConnectionLimits:
         """Return the limits for the clients of a listening port. Raise Broken."""
@@ -446,19 +477,25 @@ LONGEST_KEY = 1_000_000_000
 class LineLoader:
     """Reads the line settings of one channel. Problems go to the reader."""
 
-    def __init__(self, reader: Reader, keys: Mapping, protocol: Protocol, port: str, line: LineFormat | None) -> None:
+    def __init__(self, reader: Reader, keys: Mapping, port: str, line: LineFormat | None) -> None:
         self.reader = reader
         self.keys = keys
-        self.protocol = protocol
         self.port = port
         self.line = line
 
-    def settings(self) -> LineSettings:
-        """Return the settings; an invalid setting is noted and left out."""
+    def settings(self, protocol: Protocol) -> LineSettings:
+        """Return the settings on a line of a protocol; an invalid setting is noted and left out."""
+        self._without_wires(protocol)
+        settings = self.single()
+        self._together(settings)
+        self._format(settings)
+        return settings
+
+    def single(self) -> LineSettings:
+        """Return the settings, each checked on its own; an invalid setting is noted and left out."""
         reader, keys = self.reader, self.keys
-        self._without_wires()
         kind = self._word("type", get_args(Interface))
-        settings = LineSettings(
+        return LineSettings(
             type=kind,  # type: ignore[arg-type]  # the schema knows them
             half_duplex=(self._word("duplex", ("half", "full")) or ("half" if kind == "rs485" else "full")) == "half",
             echo=None if (echo := keys.get("echo")) is None else reader.tried(reader.flag, echo),
@@ -468,9 +505,6 @@ class LineLoader:
             reconnect=reader.tried(partial(read_limit, reader, "reconnect"), keys.get("reconnect")),
             modem=reader.tried(lambda node: read_modem(reader, node, self.port), keys.get("modem")),
         )
-        self._together(settings)
-        self._format(settings)
-        return settings
 
     # ---- single keys --------------------------------------------------------------------------------------
 
@@ -504,8 +538,8 @@ class LineLoader:
         node = self.keys.get(key)
         self.reader.note(self.keys.at if node is None else node.at, what, todo)
 
-    def _without_wires(self) -> None:
-        stream = self.protocol.line.kind == "stream" and not self.port.startswith("sim:")
+    def _without_wires(self, protocol: Protocol) -> None:
+        stream = protocol.line.kind == "stream" and not self.port.startswith("sim:")
         kind = scheme_of(self.port)
         if not stream and (kind is None or kind.wires):
             return

@@ -12,6 +12,7 @@ from collections.abc import Mapping as MappingOf
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from framekit.definition.expression import Expression
@@ -141,10 +142,13 @@ class PointsLoader:
 
     def __init__(
         self, reader: Reader, folder: Path, grammar: AddressGrammar, channels: MappingOf[int, Channel],
-        blocks: Sequence[Block], unread: Collection[str] = (),
+        blocks: Sequence[Block], unread: Collection[str] = (), broken: MappingOf[int, Channel] = MappingProxyType({}),
     ) -> None:  # fmt: skip
-        """Prepare the loader; `unread`: numbers, as written, of channels whose problems have been reported already."""
-        self.unread = unread
+        """Prepare the loader; `unread`: numbers, as written, of channels whose problems have been reported already.
+
+        `broken`: those of them whose protocol is known; their points are checked as far as possible.
+        """
+        self.unread, self.broken = unread, broken
         self.reader, self.folder, self.grammar, self.channels = reader, folder, grammar, channels
         self.attempts = Attempts()
         self.names: list[str] = []
@@ -237,7 +241,8 @@ class PointsLoader:
         reader, keys = self.reader, self.reader.mapping(entry.value)
         self.attempts.spoilt = False
         channel = self.attempts.to(lambda: self._channel(keys, group))
-        place = None if self.attempts.spoilt else self.attempts.to(lambda: self._placed(keys, channel, entry))
+        is_known = channel is not None or not self.attempts.spoilt
+        place = self.attempts.to(lambda: self._placed(keys, channel, entry)) if is_known else None
         if place is None:
             self._look_at_rest(keys, group)
             raise Broken(name)
@@ -409,6 +414,9 @@ class PointsLoader:
             return None
         number = self.reader.number(node)
         if number not in self.channels:
+            if number in self.broken:
+                self.attempts.spoilt = True
+                return self.broken[number]
             if self.reader.text(node) in self.unread:
                 raise Broken("the problems of the channel have been reported")
             hint = did_you_mean(str(number), map(str, self.channels))
@@ -430,7 +438,8 @@ class PointsLoader:
         node = self._common(keys, group, "station")
         if node is not None:
             return self.attempts.to(lambda: read_station(self.reader, node, channel.protocol))
-        if channel.station is None and needs_station(channel.protocol):
+        is_broken = self.broken.get(channel.number) is channel
+        if channel.station is None and not is_broken and needs_station(channel.protocol):
             what = f"point '{entry.key.text}' does not say which station it is read from"
             self.reader.note(entry.key.at, what, "add station: to it, to its file or to the channel")
             self.attempts.spoilt = True

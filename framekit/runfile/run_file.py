@@ -122,7 +122,7 @@ class RunLoader:
             one for node in (first, self.root.get("set")) for one in start_values(self.reader, grammar, node)
         )
         found, sets = self._blocks(blocks), self._sets()
-        points = PointsLoader(self.reader, self.path.parent, grammar, channels, found, known)
+        points = PointsLoader(self.reader, self.path.parent, grammar, channels, found, known, self.channels.broken)
         named, reads, points_words = points.load(self.root.get("points"))
         state = self.reader.maybe(lambda node: read_state(self.reader, node, profile), self.root.get("state"))
         status = self.reader.flag(self.root.get("status"), default=True)

@@ -7,13 +7,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from framekit.definition.keys import read_part
+from framekit.definition.keys import read_keys
 from framekit.definition.load.documents import without_effect
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.nodes import Mapping, Node, unread
 from framekit.definition.problems import Position, did_you_mean
 from framekit.definition.times import NEVER
 from framekit.run.model import Point
+from framekit.runfile.channels import Attempts
 from framekit.sinks import SINKS, SinkKind
 from framekit.sinks.base import fits
 from framekit.sinks.store import NetworkSink
@@ -58,10 +59,13 @@ class SinksLoader:
         words = [word for word in SINKS if word in keys]
         if len(words) != 1:
             raise Broken("the schema has told that this is no sink")
-        kind = read_part(SINKS[words[0]], self, keys)
+        part, attempts = SINKS[words[0]], Attempts()
+        kind = part(**read_keys(part, self, keys, attempts.spoil, at=keys.at))
         self.reader.problems.extend(without_effect(entry, f"in a sink of {words[0]}") for _, entry in unread(keys))
-        wrong = [*_of_period(kind), *kind.mistakes()]
-        if self.points is not None:
+        wrong = [*_of_period(kind)]
+        if not attempts.spoilt:  # else a mistake could follow from a broken key
+            wrong += kind.mistakes()
+        if self.points is not None and not attempts.spoilt:
             wrong += kind.mistakes_with(self.points)
         if isinstance(kind, NetworkSink):
             wrong += kind.mistakes_of_store()
@@ -69,6 +73,8 @@ class SinksLoader:
                 kind = replace(kind, store=self._own_file(f"{self.name}.{words[0]}.db", keys.at, "give store: a file"))
         for name, what, todo in wrong:
             self.reader.note((keys.value(name) or keys).at, what, todo)
+        if attempts.spoilt:
+            raise Broken(words[0])
         return kind
 
     def file(self, node: Node) -> str:

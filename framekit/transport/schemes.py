@@ -54,6 +54,8 @@ class Scheme:
     """Whether only one channel can have it open, such as a serial device; connections to a host may be several."""
     served: bool = False
     """Whether only servers can open it, since other programs learn the path of the port from the server."""
+    check: Callable[[str], object] | None = None
+    """Raises ValueError with a full message for an invalid URL, without opening it; None if only `open` checks it."""
     placed: Callable[[str, Path], str] | None = None
     """Resolves the files in the URL relative to a folder; None if the URL has no files. Raises ValueError."""
 
@@ -65,6 +67,13 @@ def _open_serial(url: str, settings: LineFormat | None, clock: AsyncioClock, wir
     from framekit.transport.serial_port import SerialPort
 
     return SerialPort(url.rstrip(":") if _WINDOWS_DEVICE.fullmatch(url) else url, settings, clock, wiring)
+
+
+def _check_place(url: str) -> None:
+    """Raise ValueError if a URL does not name a host and a valid number; a path and options may follow."""
+    from framekit.transport.network import host_and_port
+
+    host_and_port(url[: url.index("://") + 3] + re.split("[/?]", url.partition("://")[2], maxsplit=1)[0])
 
 
 def _open_tcp(url: str, settings: LineFormat | None, clock: AsyncioClock, wiring: LineSettings) -> Port:
@@ -123,16 +132,20 @@ def _open_pty(url: str, settings: LineFormat | None, clock: AsyncioClock, wiring
 
 SCHEMES: dict[str, Scheme] = {
     "": Scheme(form="a device such as /dev/ttyUSB0 or COM3", open=_open_serial, wires=True, exclusive=True),
-    "tcp": Scheme(form="tcp://HOST:PORT", open=_open_tcp, listen=_listen_tcp, names_host=True),
-    "tcp-listen": Scheme(form="tcp-listen://HOST:PORT", listen=_listen_tcp),
-    "tls": Scheme(form="tls://HOST:PORT", open=_open_tls, listen=_listen_tls, names_host=True, placed=_tls_in),
-    "udp": Scheme(form="udp://HOST:PORT", open=_open_udp, names_host=True),
-    "udp-listen": Scheme(form="udp-listen://HOST:PORT", open=_open_udp, listen=_listen_udp),
+    "tcp": Scheme(form="tcp://HOST:PORT", open=_open_tcp, listen=_listen_tcp, names_host=True, check=_check_place),
+    "tcp-listen": Scheme(form="tcp-listen://HOST:PORT", listen=_listen_tcp, check=_check_place),
+    "tls": Scheme(
+        form="tls://HOST:PORT", open=_open_tls, listen=_listen_tls, names_host=True, check=_check_place, placed=_tls_in
+    ),
+    "udp": Scheme(form="udp://HOST:PORT", open=_open_udp, names_host=True, check=_check_place),
+    "udp-listen": Scheme(form="udp-listen://HOST:PORT", open=_open_udp, listen=_listen_udp, check=_check_place),
     "pty": Scheme(form="pty:[PATH]", open=_open_pty, wires=True, served=True),
 }
 PYSERIAL = ("loop", "socket", "rfc2217", "spy", "hwgrep", "alt")
 for _name in PYSERIAL:
     SCHEMES[_name] = Scheme(form=f"{_name}://", open=_open_serial, wires=True, exclusive=_name in ("spy", "alt"))
+for _name in ("socket", "rfc2217"):
+    SCHEMES[_name] = replace(SCHEMES[_name], check=_check_place)
 
 
 # ---- finding and using ports -----------------------------------------------------------------------------------
