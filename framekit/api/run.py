@@ -180,13 +180,6 @@ def why_unreadable(path: Path) -> str:
     return ""
 
 
-def reasons(error: ValueError) -> list[str]:
-    """Return the reasons why an edit was refused, one sentence each, with places in files if known."""
-    if isinstance(error, DefinitionError):
-        return [str(problem) for problem in error.problems if not problem.warning]
-    return [str(error)]
-
-
 OnBlockEnd = Callable[[BlockStatus, bool], None]
 """Callback for every completion of a block: its status, and whether it succeeded."""
 OnSeen = Callable[[int, Seen], None]

@@ -110,6 +110,15 @@ def told(problem: Problem) -> str:
     return str(problem._replace(at=problem.at._replace(file=near(problem.at.file))))
 
 
+def reasons_of(error: ValueError) -> list[str]:
+    """Return the reasons why an edit was refused, as they are printed, without warnings."""
+    from framekit.definition.problems import DefinitionError
+
+    if isinstance(error, DefinitionError):
+        return [told(problem) for problem in error.problems if not problem.warning]
+    return [str(error)]
+
+
 def status_of(problems: Iterable[Problem]) -> int:
     """Return the exit status: 1 for faults in files; 2 if only names on the command line are wrong."""
     wrong = [problem for problem in problems if not problem.warning]

@@ -23,6 +23,7 @@ from framekit.cli.common import (
     on_signal,
     period_of,
     print_json,
+    reasons_of,
     run_in_loop,
     told_once,
     until,
@@ -349,7 +350,7 @@ class RealRun:
 
     async def _watch_file(self, run: RunCalls) -> None:
         """Apply each change of the run file; print a warning for changes that cannot be applied, and go on."""
-        from framekit.api.run import FileWatch, reads_only, reasons
+        from framekit.api.run import FileWatch, reads_only
         from framekit.cli.run_output import GOES_ON
 
         output = self._output
@@ -368,7 +369,7 @@ class RealRun:
             output.catch_up()
             output.warning(f"{self.path} {f'cannot be read: {reason} – {GOES_ON}' if reason else 'can be read again'}")
 
-        files = FileWatch(*self.began_with, changed, lambda error: output.refused(reasons(error)), missing)
+        files = FileWatch(*self.began_with, changed, lambda error: output.refused(reasons_of(error)), missing)
         on_signal("SIGHUP", files.look_now)
         await files.watch()
 

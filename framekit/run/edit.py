@@ -7,12 +7,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import zip_longest
 
 from framekit.definition.fingerprint import fingerprint
-from framekit.definition.problems import DefinitionError, Problem, listed
+from framekit.definition.problems import DefinitionError, Position, Problem, listed
 from framekit.run.block_state import BlockState
-from framekit.run.model import Block, RunModel
+from framekit.run.model import Block, Point, RunModel
+
+MOST_NAMES = 5
+"""Largest number of names of points in a message; the others are counted."""
 
 RESTART = "stop the run and start it again"
 
@@ -75,13 +79,18 @@ def plan_edit(old: RunModel, new: RunModel) -> Edit:
 
 def _refusals(old: RunModel, new: RunModel) -> Iterator[Problem]:
     if fingerprint(old.memory) != fingerprint(new.memory):
-        yield Problem(new.at, "the memory of a run that goes on stays as it is, and this is another one", RESTART)
+        at = new.memory.at if new.memory.at.file == new.at.file else new.at
+        yield Problem(at, "the memory of a run that goes on stays as it is, and this is another one", RESTART)
     if fingerprint(old.points) != fingerprint(new.points):
-        yield Problem(new.at, "the points of a run that goes on stay as they are, and these are others", RESTART)
+        yield Problem(*_of_points(old, new), RESTART)
     if fingerprint(old.sinks) != fingerprint(new.sinks):
-        yield Problem(new.at, "where the values of a run go cannot change while it goes on", RESTART)
+        pairs = zip_longest(old.sinks, new.sinks)
+        places = [sink.at for before, sink in pairs if sink is not None and _is_other(before, sink)]
+        at = [*places, *(sink.at for sink in new.sinks), new.at][0]
+        yield Problem(at, "where the values of a run go cannot change while it goes on", RESTART)
     if fingerprint(old.fleet) != fingerprint(new.fleet):
-        yield Problem(new.at, "the fleet of a run that goes on stays as it is, and this is another one", RESTART)
+        at = new.at if new.fleet is None else new.fleet.at
+        yield Problem(at, "the fleet of a run that goes on stays as it is, and this is another one", RESTART)
     if old.status != new.status:
         yield Problem(new.at, "whether blocks have words in memory cannot change while the run goes on", RESTART)
     if fingerprint(old.jobs) != fingerprint(new.jobs):
@@ -90,6 +99,38 @@ def _refusals(old: RunModel, new: RunModel) -> Iterator[Problem]:
     if fingerprint(old.state) != fingerprint(new.state) or (old.state is not None and old.name != new.name):
         at = new.at if new.state is None else new.state.at
         yield Problem(at, "where the state is kept, and under which name, cannot change while the run goes on", RESTART)
+
+
+def _of_points(old: RunModel, new: RunModel) -> tuple[Position, str]:
+    """Return the place of the first changed or new point, and a message with the names of the different points."""
+    before, after = ({point.name: point for point in run.points} for run in (old, new))
+    changed = [name for name, point in after.items() if name in before and _is_other_point(before[name], point)]
+    added, gone = [name for name in after if name not in before], [name for name in before if name not in after]
+    found = []
+    for how, names in (("changed", changed), ("new", added), ("gone", gone)):
+        if names:
+            shown = names if len(names) <= MOST_NAMES else [*names[:MOST_NAMES], f"{len(names) - MOST_NAMES} others"]
+            found.append(f"{'point' if len(names) == 1 else 'points'} {listed(shown)} {how}")
+    at = next((point.at for point in new.points if point.name in (*changed, *added)), None)
+    if at is None:
+        at = new.points[0].at if new.points else new.at
+    what = "the points of a run that goes on stay as they are"
+    return at, f"{what}: {', '.join(found) or 'their order is another'}"
+
+
+def _is_other_point(old: Point, new: Point) -> bool:
+    """Return whether two points differ.
+
+    The place in memory of a point that is read from a channel does not count: it depends on the points before it.
+    """
+    if new.channel is not None:
+        new = replace(new, place=old.place, blocks=old.blocks)
+    return _is_other(old, new)
+
+
+def _is_other(old: object, new: object) -> bool:
+    """Return whether two parts of a run differ in more than their places in the file."""
+    return fingerprint(old) != fingerprint(new)
 
 
 def _warnings(old: RunModel, new: RunModel) -> Iterator[Problem]:

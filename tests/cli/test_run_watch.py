@@ -16,8 +16,10 @@ import pytest
 
 from framekit.api.run import FileWatch, content_of
 from framekit.api.run import loaded as load_run
+from framekit.cli.common import reasons_of
 from framekit.cli.main import main
 from framekit.cli.run_output import TextOutput
+from framekit.definition.problems import DefinitionError, Position, Problem
 
 DEVICE = "device: one\nprotocol: modbus-rtu\nstation: 1\nmemory: {set: {40001: [11, 12]}}\n"
 RUN = """run: watched
@@ -156,6 +158,16 @@ def test_a_missing_file_and_a_refused_edit_are_reported(tmp_path: Path, monkeypa
 
     asyncio.run(watched())
     assert events[:2] == ["No such file or directory", ""] and events[-1] == "refused"
+
+
+def test_the_places_of_a_refused_edit_are_relative_to_the_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    at = Position(str(tmp_path / "a.run.yaml"), 3, 1)
+    error = DefinitionError([Problem(at, "wrong", "mend it"), Problem(at, "odd", "", warning=True)])
+    assert reasons_of(error) == ["a.run.yaml:3:1: wrong – mend it"]
+    assert reasons_of(ValueError("no port")) == ["no port"]
 
 
 def test_the_lines_of_a_refused_edit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

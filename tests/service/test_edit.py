@@ -11,6 +11,7 @@ from framekit.cli.run_output import status_data, status_text
 from framekit.definition.problems import DefinitionError
 from framekit.link.events import Seen
 from framekit.run.edit import Edit, plan_edit
+from framekit.run.model import RunModel
 from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock
@@ -270,3 +271,63 @@ def test_other_start_values_are_told(tmp_path: Path) -> None:
     assert [problem.what for problem in edit.warnings] == [
         "memory stays as it is: other start values count from the next start on"
     ]
+
+
+POINTS_RUN = """run: plant
+channels:
+  1: {port: "sim:one.device.yaml", protocol: modbus-rtu, station: 1}
+points:
+  a: {channel: 1, address: "40001"}
+  b: {channel: 1, address: "40002"}
+sinks:
+  - {csv: a.csv}
+"""
+A = '  a: {channel: 1, address: "40001"}\n'
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place", "what"),
+    [
+        ("40002", "40003", (6, 3), "point b changed"),
+        ("sinks:", '  c: {channel: 1, address: "40001"}\nsinks:', (7, 3), "point c new"),
+        (A, "", (5, 3), "point a gone"),
+        ("  a:", "  d:", (5, 3), "point d new, point a gone"),
+        (A, "".join(f'  x{number}: {{channel: 1, address: "40001"}}\n' for number in range(7)), (5, 3),
+         "points x0, x1, x2, x3, x4 and 2 others new, point a gone"),
+    ],
+)  # fmt: skip
+def test_a_refused_edit_of_points_names_them_at_their_place(
+    tmp_path: Path, old: str, new: str, place: tuple[int, int], what: str
+) -> None:
+    before, after = edited(tmp_path, old, new)
+    with pytest.raises(DefinitionError) as error:
+        plan_edit(before, after)
+    (problem,) = error.value.problems
+    assert (problem.at.line, problem.at.column) == place
+    assert problem.what == f"the points of a run that goes on stay as they are: {what}"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place"),
+    [
+        ("{csv: a.csv}", "{csv: b.csv}", (8, 5)),
+        ("{csv: a.csv}", "{csv: a.csv}\n  - {csv: b.csv}", (9, 5)),
+        ("sinks:\n  - {csv: a.csv}\n", "", (1, 1)),
+    ],
+)
+def test_a_refused_edit_of_sinks_has_their_place(tmp_path: Path, old: str, new: str, place: tuple[int, int]) -> None:
+    with pytest.raises(DefinitionError, match="where the values of a run go") as error:
+        plan_edit(*edited(tmp_path, old, new))
+    (problem,) = error.value.problems
+    assert (problem.at.line, problem.at.column) == place
+
+
+def edited(folder: Path, old: str, new: str) -> tuple[RunModel, RunModel]:
+    """Return a run of points before and after a change of its text."""
+    assert old in POINTS_RUN
+    (folder / "one.device.yaml").write_text(ONE, encoding="utf-8")
+    path = folder / "points.run.yaml"
+    path.write_text(POINTS_RUN, encoding="utf-8")
+    before = load_run(path)
+    path.write_text(POINTS_RUN.replace(old, new), encoding="utf-8")
+    return before, load_run(path)
