@@ -111,6 +111,8 @@ class BlockLane:
         """Whether the last block asked a station that is suspected or dead."""
         self._last: tuple[Hashable, int] | None = None
         """Station and end of the last exchange."""
+        self._slow: tuple[Hashable, int] | None = None
+        """Station and end of an exchange that took longer than its period; what came due before goes first."""
         self.changed: list[tuple[Hashable, bool]] = []
         """Stations that have died (True) or come back (False)."""
 
@@ -159,7 +161,7 @@ class BlockLane:
         waiting, last = self.waiting, self._last
         if not waiting:
             return None
-        entry = heapq.heappop(waiting)
+        entry = heapq.heappop(waiting) if self._slow is None else self._pop_other(self._slow)
         state = entry[3]
         station = self.station_of(state) if state.has_station else None
         if last is not None and station != last[0] and not self._silent_for(station, now):
@@ -221,7 +223,7 @@ class BlockLane:
     def _next(self, now: int) -> Taken | None:
         waiting, last = self.waiting, self._last
         while waiting:
-            entry = heapq.heappop(waiting)
+            entry = heapq.heappop(waiting) if self._slow is None else self._pop_other(self._slow)
             state = entry[3]
             station = self.station_of(state) if state.has_station else None
             failing = self.failing.get(station)
@@ -233,6 +235,21 @@ class BlockLane:
                 return None
             return state, station
         return None
+
+    def _pop_other(self, slow: tuple[Hashable, int]) -> Entry:
+        """Take the first block of other stations than a slow station that came due before its exchange ended.
+
+        If none is left, take the first of all blocks.
+        """
+        station, end = slow
+        others = (entry for entry in self.waiting if entry[0] <= end and self.station_of(entry[3]) != station)
+        entry = min(others, default=None)
+        if entry is None:
+            self._slow = None
+            return heapq.heappop(self.waiting)
+        self.waiting.remove(entry)
+        heapq.heapify(self.waiting)
+        return entry
 
     def companions(self, wanted: Callable[[list[BlockState]], list[BlockState]]) -> list[BlockState]:
         """Take the waiting blocks that `wanted` picks for the exchange of the block just taken; return them."""
@@ -252,6 +269,8 @@ class BlockLane:
         station = self.running.pop(state.id)
         state.probing = False
         self._last = station, now
+        if state.period and now - state.started_at > state.period and len(self.stations) > 1:
+            self._slow = station, now
         between = self.rules.silence.between
         self.free_from = now + (least if least > between else between)
         if station is not None and (failure is not None or self.failing):

@@ -34,6 +34,7 @@ class Bench:
         self.memory = DeviceMemory([Area("M", size=16)])
         self.memory.write("M", "word", 1, [1])
         self.duration = duration * MS
+        self.durations: dict[int, int] = {}
         self.outcomes: dict[int, str] = {}
         self.starts: list[tuple[int, int]] = []
         self.died: list[tuple[int, Hashable, bool]] = []
@@ -49,7 +50,7 @@ class Bench:
 
     def _start(self, state: BlockState, now: int) -> None:
         self.starts.append((now // MS, state.block.number))
-        self.end = now + self.duration, state
+        self.end = now + self.durations.get(state.block.station, self.duration), state
 
     def run_until(self, time: int) -> None:
         while (due := min(self.scheduler.deadline, self.end[0] if self.end else 1 << 62)) <= time * MS:
@@ -252,3 +253,16 @@ def test_a_reopened_port_and_a_reset_take_the_flag_of_dead_stations_away() -> No
             bench.scheduler.set_open(1, True, bench.now)
         assert not bench.scheduler.states[0].dead
         assert bench.died[-1][1:] == (2, False)
+
+
+def test_a_slow_station_waits_for_what_came_due_at_others() -> None:
+    """Three blocks of a station that takes 2.5 s: the block of its neighbour has a turn after each of them."""
+    bench = Bench(*(block(number, 1000, 3) for number in range(3)), block(3, 1000, 1), block(4, 1000, 1))
+    bench.durations[3] = 2500 * MS
+    bench.run_until(60_000)
+    order = [number for _, number in bench.starts]
+    assert {number for number in order if number < 3} == {0, 1, 2}
+    assert all(
+        not (before < 3 and after < 3) for before, after in pairwise(order[1:])
+    )  # the first began before it was slow
+    assert order.count(3) > 20 and order.count(4) > 20
