@@ -216,7 +216,7 @@ class LateReplies:
             self._add(request_of(run, x))
             self._close(own[0])
         elif self.slow:
-            self.slow.answered_in_time(x.station)
+            self.slow.answered_in_time(x.station, self._scope.now)
         if not own:
             self.last = 0  # this reply came in time: a reply before it did not wait for another one
         if own and self._is_prompt(run, x, own[0]):
@@ -439,7 +439,7 @@ class LateReplies:
             self._greatest[station] = lateness, now
         if not self.open:
             if self._service > request.within and not request.by_itself:
-                self.slow.answered_late(request.station, self._service, self._limit_of(request))
+                self.slow.answered_late(request.station, self._service, self._limit_of(request), now)
             self._service = 0
         for one in self.open:
             one.ends = max(one.ends, now + min(service + service // 4 + one.within, LONGEST))

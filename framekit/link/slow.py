@@ -7,8 +7,14 @@ from typing import Any, NamedTuple
 
 from framekit.definition.times import readable_time
 
-WELL = 20
-"""After so many replies in time in sequence a station is no longer slow."""
+WELL, WELL_TIME = 20, 60_000_000_000
+"""A station is no longer slow after so many replies in time in sequence, and this time (ns) without a late reply."""
+
+GROWN = 3
+"""A longer time is believed after so many longer times in sequence: repeated requests may wait in the device."""
+
+REMEMBERED = 3_600_000_000_000
+"""A station that is slow again within this time after its last late reply (ns) is not reported again."""
 
 STEPS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
 """Leading digits of suggested time limits."""
@@ -49,39 +55,74 @@ def suggested(time: int) -> int:
     return next(int(step * unit) for step in STEPS if step * unit >= wanted)
 
 
+class _Advice:
+    """The advice for one station."""
+
+    __slots__ = ("found", "in_time", "is_shown", "is_slow", "late_at", "longer")
+
+    def __init__(self, found: SlowStation) -> None:
+        self.found = found
+        self.is_slow = self.is_shown = True
+        """Whether the station is slow now, and whether the last report was that it is slow."""
+        self.in_time = 0
+        """Number of replies in time since the last late reply."""
+        self.late_at = 0
+        """Time of the last late reply (ns)."""
+        self.longer: list[int] = []
+        """The last times in sequence that are longer than the time of the advice (ns)."""
+
+
 class SlowStations:
     """The stations of a line that are slow now."""
 
     def __init__(self) -> None:
         self.on_change: Callable[[SlowStation, bool], None] = lambda station, is_slow: None
-        """Called when a station is slow, when its time grows by more than a quarter, and when it is well again."""
-        self._slow: dict[Hashable, SlowStation] = {}
-        self._in_time: dict[Hashable, int] = {}
+        """Called when a station is slow, when its time grows by more than a quarter, and when it is well again.
+
+        A station that is slow again soon after that, for no longer time, is not reported again.
+        """
+        self._known: dict[Hashable, _Advice] = {}
+        self._number = 0
 
     def __bool__(self) -> bool:
-        return bool(self._slow)
+        return self._number > 0
 
     @property
     def present(self) -> tuple[SlowStation, ...]:
         """Return the slow stations."""
-        return tuple(self._slow.values())
+        return tuple(advice.found for advice in self._known.values() if advice.is_slow)
 
-    def answered_late(self, station: Any, time: int, limit: str) -> None:
+    def answered_late(self, station: Any, time: int, limit: str, now: int) -> None:
         """Note a reply that came after `time`, and report it if that is new."""
         key = key_of(station)
-        before = self._slow.get(key)
-        self._in_time[key] = 0
-        if before is None or (time - before.time) * 4 > before.time:
-            self._slow[key] = found = SlowStation(station, time, limit)
-            self.on_change(found, True)
+        advice = self._known.get(key)
+        if advice is None or (not advice.is_slow and now - advice.late_at >= REMEMBERED):
+            advice = self._known[key] = _Advice(SlowStation(station, time, limit))
+            self._number = len(self.present)
+            self.on_change(advice.found, True)
+        elif (time - advice.found.time) * 4 > advice.found.time:
+            advice.longer.append(time)
+            if len(advice.longer) == GROWN:
+                advice.found = SlowStation(station, min(advice.longer), limit)
+                advice.longer.clear()
+                advice.is_shown = True
+                self.on_change(advice.found, True)
+        else:
+            advice.longer.clear()
+        advice.in_time, advice.late_at, advice.is_slow = 0, now, True
+        self._number = len(self.present)
 
-    def answered_in_time(self, station: Any) -> None:
+    def answered_in_time(self, station: Any, now: int) -> None:
         """Note a reply in time, and report the end if it is the last of many."""
-        key = key_of(station)
-        if key in self._slow:
-            self._in_time[key] += 1
-            if self._in_time[key] >= WELL:
-                self.on_change(self._slow.pop(key), False)
+        advice = self._known.get(key_of(station))
+        if advice is None or not advice.is_slow:
+            return
+        advice.in_time += 1
+        if advice.in_time >= WELL and now - advice.late_at >= WELL_TIME:
+            was_shown, advice.is_slow, advice.is_shown = advice.is_shown, False, False
+            self._number = len(self.present)
+            if was_shown:
+                self.on_change(advice.found, False)
 
 
 def key_of(station: Any) -> Hashable:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from framekit.link.arrivals import BadFrame
 
+WRONG_CHECK = "wrong check code"
+
 
 class UnusableReplies:
     """The unusable replies of one exchange: their number, and the fault of the last."""
@@ -35,7 +37,7 @@ class UnusableReplies:
         self.is_reply = is_reply
         if bad.cause == "check":
             self._checks += 1
-            self._detail = f"expected {bad.expected}, found {bad.found}"
+            self._detail = f"{WRONG_CHECK} (expected {bad.expected}, found {bad.found})"
         else:
             self._detail = f"{bad.frame}: {bad.message}"
 
@@ -48,7 +50,7 @@ class UnusableReplies:
     def __str__(self) -> str:
         if self._checks == self.count:
             every = "all with" if self.count > 1 else "with"
-            return f"{self._arrived()}, {every} a wrong check code ({self._detail})"
+            return f"{self._arrived()}, {every} a {self._detail}"
         return f"{self._arrived()} and could not be used{', the last one' if self.count > 1 else ''} – {self._detail}"
 
     def _arrived(self) -> str:

@@ -266,6 +266,10 @@ class Part:
                 followed.append(item)
         ordered = dict(sorted(found.items(), key=lambda one: -len(one[1][1])))
         next(iter(ordered.values()))[1].extend(followed)
+        for kind in list(ordered):  # `no reply`, and `no reply: a reply arrived and could not be used …`
+            fuller = next((one for one in ordered if one.startswith(f"{kind}:")), None)
+            if fuller is not None:
+                ordered[fuller][1].extend(ordered.pop(kind)[1])
         return ordered
 
     def _kinds(self) -> frozenset[str]:

@@ -149,7 +149,7 @@ class StreamPort(Port):
 
     def why_lost(self, error: Exception) -> str:
         """Return the reason for the end of a connection, as a text for users."""
-        return str(error) or type(error).__name__
+        return _why(error) or type(error).__name__
 
     def _forget(self) -> None:
         self.events = self.connection = None
@@ -239,6 +239,7 @@ class TcpPort(StreamPort):
 
 
 _WHAT_TO_DO = {
+    errno.ECONNRESET: "the device may serve only a few connections; see whether another client is connected to it",
     errno.ECONNREFUSED: "nothing listens at that port number; see whether the number is right and the device is on",
     errno.EHOSTUNREACH: "see whether the address is right and the device is on",
     errno.ENETUNREACH: "see whether this machine is in the device's network",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from framekit.link.slow import WELL, SlowStation, SlowStations
+from framekit.link.slow import REMEMBERED, WELL, WELL_TIME, SlowStation, SlowStations
 
 SECOND = 1_000_000_000
 
@@ -27,12 +27,23 @@ def test_a_slow_station_is_reported_once_and_again_when_its_time_changes_and_whe
     reports: list[tuple[int, bool]] = []
     slow = SlowStations()
     slow.on_change = lambda station, is_slow: reports.append((station.time // SECOND, is_slow))
-    for seconds in (4, 4, 3, 5, 8, 8):
-        slow.answered_late(7, seconds * SECOND, "reply_timeout")
+    for at, seconds in enumerate((4, 4, 3, 5, 8, 4, 8, 9, 8)):
+        slow.answered_late(7, seconds * SECOND, "reply_timeout", at * SECOND)
     assert reports == [(4, True), (8, True)]
-    for _ in range(WELL - 1):
-        slow.answered_in_time(7)
-        slow.answered_in_time(8)
+    for _ in range(WELL + 5):
+        slow.answered_in_time(7, 30 * SECOND)
+        slow.answered_in_time(8, 30 * SECOND)
     assert [one.time for one in slow.present] == [8 * SECOND] and slow
-    slow.answered_in_time(7)
+    slow.answered_in_time(7, 8 * SECOND + WELL_TIME)
     assert reports == [(4, True), (8, True), (8, False)] and not slow
+
+
+def test_a_station_that_is_slow_again_after_an_hour_is_reported_again() -> None:
+    reports: list[bool] = []
+    slow = SlowStations()
+    slow.on_change = lambda station, is_slow: reports.append(is_slow)
+    for begin in (0, 600 * SECOND, 600 * SECOND + WELL_TIME + REMEMBERED):
+        slow.answered_late(7, SECOND, "reply_timeout", begin)
+        for _ in range(WELL):
+            slow.answered_in_time(7, begin + WELL_TIME)
+    assert reports == [True, False, True, False] and not slow
