@@ -16,7 +16,7 @@ from framekit.api.monitor import FrameLog, LineOf, LiveView
 from framekit.api.points import RunPoints
 from framekit.api.rows import point_rows
 from framekit.codec.shown import explain
-from framekit.definition.problems import DefinitionError
+from framekit.definition.problems import DefinitionError, Problem, parted
 from framekit.definition.times import parse_time
 from framekit.link.events import FrameRecord as FrameRecord
 from framekit.link.events import Record as Record
@@ -223,7 +223,10 @@ class RunCalls:
             return RunService(self.run, self._clock, watch, on_end, after=after)
         except DefinitionError:
             raise
-        except (ValueError, StateError) as error:
+        except StateError as error:
+            assert self.run.state is not None
+            raise DefinitionError([Problem(self.run.state.at, *parted(error))]) from None
+        except ValueError as error:
             raise RequestError(str(error)) from None
 
     def _captures(self, path: Path | None) -> Capture | None:

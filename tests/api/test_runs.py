@@ -203,7 +203,7 @@ def test_a_state_is_kept_and_let_go_of(plant: Path) -> None:
     plant.write_text(plant.read_text("utf-8") + "state: plant.state\n", encoding="utf-8")
     with framekit.VirtualRun(plant) as run:
         run.carry_out(0)
-        with pytest.raises(framekit.RequestError, match="is in use"):
+        with pytest.raises(framekit.DefinitionError, match="is in use"):
             framekit.VirtualRun(plant)
         assert run.problems == []
     again = framekit.VirtualRun(plant)

@@ -204,3 +204,28 @@ def test_a_foreign_file_that_comes_during_the_run_is_trouble_until_it_goes() -> 
     run.stop()
     assert run.problems == []
     assert len(Path("first.csv").read_text().splitlines()) + len(Path("values.csv").read_text().splitlines()) == 2 + 4
+
+
+# ---- state files -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("kind", "problem"),
+    [
+        ("a text", "values is no state file – name another file"),
+        ("a folder", "values is no plain file – name another file"),
+        ("a pipe", "values is no plain file – name another file"),
+        ("a character device", "values is no plain file – name another file"),
+    ],
+)
+def test_a_state_file_of_other_content_is_an_error_with_its_place(
+    capsys: pytest.CaptureFixture[str], kind: str, problem: str
+) -> None:
+    make(kind)
+    if kind == "a text":
+        Path("values").write_text("my notes\n")
+    before = {name: os.lstat(name)[:3] for name in files()}
+    Path("plant.run.yaml").write_text(RUN.replace("sinks:", "state: values"), "utf-8")
+    assert main(["run", "plant.run.yaml", "--virtual", "--for", "1s", "--quiet"]) == 1
+    assert capsys.readouterr().err == f"plant.run.yaml:6:8: {problem}\n"
+    assert {name: os.lstat(name)[:3] for name in files()} == before
