@@ -217,7 +217,7 @@ class LateReplies:
             self._close(own[0])
         elif self.slow:
             self.slow.answered_in_time(x.station, self._scope.now)
-        if not own:
+        if not own and all(one.station == x.station for one in self.open):
             self.last = 0  # this reply came in time: a reply before it did not wait for another one
         if own and self._is_prompt(run, x, own[0]):
             self.until = self._scope.now + silence(self._scope.now - run.started, run.longest)

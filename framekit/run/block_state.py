@@ -282,6 +282,11 @@ class BlockState:
         """Return whether it may come due: the block and its set are enabled."""
         return self.switched_on and self.set_on
 
+    @property
+    def ended_well(self) -> bool:
+        """Return whether its last exchange was a success."""
+        return self.last_end is not None and (self.last_failure is None or self.last_failure.at < self.last_end)
+
     def begun(self, now: int) -> None:
         """Count the start of an exchange."""
         self.waiting = False

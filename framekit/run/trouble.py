@@ -204,7 +204,7 @@ class TroubleSource:
             self.reason = ""
 
     def ends(self, well: str = "") -> None:
-        """Report that the part works again, if it failed; `well` replaces the sentence for that."""
+        """Report that the part works again, if it failed; `well` replaces its sentence for the end."""
         with self._troubles.lock:
             before, self.reason = self.reason, ""
             if not before:

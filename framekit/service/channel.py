@@ -303,6 +303,13 @@ class ChannelService:
         except (DeviceMemoryError, ValueError):
             return None
 
+    def under_way(self, station: Any) -> str:
+        """Describe the replies to the exchange under way with a station that could not be used; None: any station."""
+        for run in self.engine.machine.order:
+            if run.top is not None and run.unusable is not None and station in (None, run.top.x.station):
+                return str(run.unusable)
+        return ""
+
     def _ask(self, service: str, arguments: dict[str, Any], station: Any, done: Asked) -> None:
         if self.client is not None:
             self.client.ask(service, arguments, station, done)

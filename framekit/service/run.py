@@ -189,7 +189,7 @@ class RunService(ChannelOwner):
         self.troubles = Troubles(clock.now)
         self._slow: dict[tuple[int, Hashable], TroubleSource] = {}
         """Trouble of stations that answer after the time limit, by channel and station."""
-        self.values = ValueTroubles(self.troubles, clock, lambda: self.run, self._starts_by_itself)
+        self.values = ValueTroubles(self.troubles, clock, self)
         self.points.table.on_quality = self._point_changed
         self.sinks = SinkService(run.sinks, run.points, self.points.table, clock, host, self.troubles)
         self.keeper = self._keeper()
@@ -321,10 +321,25 @@ class RunService(ChannelOwner):
             enabled = {state.id for state in self.states.values() if state.enabled}
             self.values.forget(is_idle)
 
-    def _starts_by_itself(self, channel: int) -> bool:
+    def starts_by_itself(self, channel: int) -> bool:
         """Return whether an enabled block with a period asks on a channel."""
         states = (state for state in self.states.values() if state.block.channel == channel)
         return any(state.enabled and state.period and state.block.job is None for state in states)
+
+    def overdue(self, blocks: Iterable[int], since: int) -> list[int]:
+        """Return the blocks that wait since before a time; no block, if a block has ended well since."""
+        states = [self.states[number] for number in blocks if number in self.states]
+        if any(state.last_end is not None and state.last_end >= since and state.ended_well for state in states):
+            return []
+        return [
+            state.id
+            for state in states
+            if state.enabled and state.period and (state.waiting or state.running or state.dead)
+        ]
+
+    def under_way(self, channel: int, station: Hashable) -> str:
+        """Describe the replies to the exchange under way that could not be used; '' without such replies."""
+        return self.channels[channel].under_way(station) if channel in self.channels else ""
 
     # ---- reports of the channels --------------------------------------------------------------------------
 

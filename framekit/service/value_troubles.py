@@ -3,7 +3,7 @@
 The failures of a channel and station are one trouble. It begins when an exchange fails, a port is lost, or a request
 waits for late replies; it ends when each of its blocks and points has a good value again, or the device answers again.
 
-What a device refuses, and data that are no value, are another trouble of the same channel and station: a refusal
+Refusals of a device, and data that are no value, are another trouble of the same channel and station: a refusal
 concerns a block or a point, and may last for ever, so it must not hide when the device falls silent.
 """
 
@@ -11,14 +11,14 @@ from __future__ import annotations
 
 import re
 from collections import deque
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterable
 from operator import itemgetter
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 from framekit.codec.shown import shown
 from framekit.definition.problems import plural
 from framekit.definition.times import readable_time
-from framekit.link.slow import rounded
+from framekit.link.slow import key_of, rounded
 from framekit.run.block_state import Failure
 from framekit.run.model import POINTS_SET, Block, Point, RunModel
 from framekit.run.trouble import SECOND, Troubles, remedy_of
@@ -44,6 +44,8 @@ MOST_CAUSES = 2
 LONG_WAIT = 3 * SECOND
 """A wait for late replies up to this time is not reported (ns)."""
 
+LOOK_AGAIN = 3 * SECOND
+"""Time between two looks for further blocks that get no value (ns)."""
 SHRUNK_LASTS = 10 * SECOND
 """Fewer points without a good value are reported when that has lasted for this time (ns)."""
 
@@ -60,13 +62,15 @@ OF_BLOCK = ANSWERED | {"bad_setting", "cannot_send", "circle", "expression", "no
 BLOCK, WAIT, OLD, PORT, REFUSED, POINT = "block", "wait", "old", "port", "refused", "point"
 """Kinds of items."""
 Item = tuple[str, Hashable]
-"""A block without a reply or one that waits (its id), a point whose value is too old (its name), the port; a block
+"""A block without a reply, or a block that waits (its id), a point whose value is too old (its name), the port; a block
 that is refused (its id), a point whose data are no value (its name).
 """
 OF_BLOCKS = frozenset({BLOCK, WAIT, REFUSED})
 """Kinds whose items are blocks."""
 RANKS = frozenset({BLOCK, REFUSED, POINT}), frozenset({WAIT}), frozenset({OLD})
 """Kinds of causes and, after them, of their consequences: a wait, and values that are too old because of it."""
+FOLLOWING = frozenset({WAIT, OLD})
+"""Kinds that follow from another cause, if the part has another."""
 ALONE = frozenset({REFUSED, POINT})
 """Kinds that concern single blocks and points: they are a trouble of their own."""
 PartKey = tuple[int, Hashable, bool]
@@ -116,6 +120,9 @@ class Part:
         self.source = owner.troubles.source(name, unit="", well=GOOD, is_whole=True)
         self._since = 0
         """Time of the first failure (ns)."""
+        self._silent: list[Item] = []
+        """Further blocks that get no value for the same cause, presumably: they wait, and no block of the part is well.
+        """
         self._good: dict[Item, None] = {}
         """Items that have a good value again while the trouble lasts."""
         self._begun: deque[int] = deque(maxlen=OFTEN)
@@ -146,7 +153,7 @@ class Part:
     def well(self, item: Item, sentence: str = "") -> None:
         """Note that an item is well; the trouble ends with the last, and is reported.
 
-        `sentence`: the sentence for that, if no item has a good value; without it this item has a good value.
+        `sentence`: describes the end, if no item has a good value; without it this item has a good value.
         """
         del self.failing[item]
         if not sentence:
@@ -215,6 +222,7 @@ class Part:
             else:
                 self._begin()
             return
+        self._look_for_silent()
         self.source.reason = self._reason()
         at = self._change_at(now)
         if at > now:
@@ -224,12 +232,13 @@ class Part:
             self.source.changes(self._reason())
 
     def _change_at(self, now: int) -> int:
-        """Return when to report another cause, or another number of items; 0: nothing of that has changed."""
+        """Return when to report another cause, or another number of items; 0: both are unchanged."""
         kinds, number = self._reported
-        if not self._kinds() <= kinds or len(self.failing) > 2 * number:
+        count = len(self.failing) + len(self._silent)
+        if not self._kinds() <= kinds or count > 2 * number:
             self._shrunk_at = 0
             return max(now, self._reported_at + self._pause)
-        if 2 * len(self.failing) > number:
+        if 2 * count > number:
             self._shrunk_at = 0
             return 0
         self._shrunk_at = self._shrunk_at or now
@@ -237,14 +246,24 @@ class Part:
 
     def _begin(self) -> None:
         self._begun.append(self._clock.now())
+        self._look_for_silent()
         self._note_report(FIRST_PAUSE)
         self.source.begins(self._reason(), self._since)
 
     def _note_report(self, pause: int) -> None:
-        self._reported = self._kinds(), len(self.failing)
+        self._reported = self._kinds(), len(self.failing) + len(self._silent)
         self._shrunk_at = 0
         self._pause = min(pause, LONGEST_PAUSE)
         self._reported_at = self._clock.now()
+
+    def _look_for_silent(self) -> None:
+        """Look for further blocks that get no value, now and again while some are found."""
+        self._silent = []
+        if any(kind == BLOCK for kind, _ in self.failing) and (PORT, "") not in self.failing:
+            blocks = self._owner.overdue(self.key, self._since)
+            self._silent = [item for item in blocks if item not in self.failing]
+        if self._silent:
+            self._report_at(self._clock.now() + LOOK_AGAIN)
 
     def _causes(self) -> dict[str, tuple[Cause, list[Item]]]:
         """Return the causes that count, the most frequent first, each with its items, by kind.
@@ -254,6 +273,9 @@ class Part:
         port = self.failing.get((PORT, ""))
         if port is not None:
             return {port.kind: (port, list(self.failing))}
+        if all(kind in FOLLOWING for kind, _ in self.failing) and (shown := self._owner.under_way(self.key)):
+            cause = cause_of(shown)
+            return {cause.kind: (cause, list(self.failing))}
         first = next(kinds for kinds in RANKS if any(kind in kinds for kind, _ in self.failing))
         found: dict[str, tuple[Cause, list[Item]]] = {}
         followed = []
@@ -265,7 +287,7 @@ class Part:
             else:
                 followed.append(item)
         ordered = dict(sorted(found.items(), key=lambda one: -len(one[1][1])))
-        next(iter(ordered.values()))[1].extend(followed)
+        next(iter(ordered.values()))[1].extend((*followed, *self._silent))
         for kind in list(ordered):  # `no reply`, and `no reply: a reply arrived and could not be used …`
             fuller = next((one for one in ordered if one.startswith(f"{kind}:")), None)
             if fuller is not None:
@@ -302,9 +324,13 @@ class _Index:
         """The blocks that are not part of a job, each with its place in the run."""
         self.of_channel: dict[int, list[int]] = {}
         """Their ids, by channel."""
+        self.of_station: dict[tuple[int, Hashable], list[int]] = {}
+        """Their ids, by channel and by the station in the run file."""
         stations: dict[int, set[str]] = {}
         for _, block in self.blocks.values():
             self.of_channel.setdefault(block.channel, []).append(block.id)
+            if block.station_from is None:
+                self.of_station.setdefault((block.channel, key_of(block.station)), []).append(block.id)
             asked = stations.setdefault(block.channel, set())
             asked.update([repr(block.station)] if block.station_from is None else ["", "from memory"])
         self.shared = {channel for channel, asked in stations.items() if len(asked) > 1}
@@ -316,17 +342,27 @@ class _Index:
                 self.points.setdefault(number, []).append(point.name)
 
 
+class Line(Protocol):
+    """The contract of a run with the troubles of its values: the state of its lines and blocks."""
+
+    run: RunModel
+
+    def starts_by_itself(self, channel: int) -> bool:
+        """Return whether an enabled block with a period asks on a channel: a value shows that the port works."""
+
+    def overdue(self, blocks: Iterable[int], since: int) -> list[int]:
+        """Return the blocks that wait since before a time; no block, if a block has ended well since."""
+
+    def under_way(self, channel: int, station: Hashable) -> str:
+        """Describe the replies to the exchange under way that could not be used; '' without such replies."""
+
+
 class ValueTroubles:
-    """The troubles of the values of a run. `run` returns the run at present.
+    """The troubles of the values of a run."""
 
-    `expects`: whether a channel has a block that starts by itself, so that a good value shows that an open port works.
-    """
-
-    def __init__(
-        self, troubles: Troubles, clock: Clock, run: Callable[[], RunModel], expects: Callable[[int], bool]
-    ) -> None:
+    def __init__(self, troubles: Troubles, clock: Clock, line: Line) -> None:
         self.troubles, self.clock = troubles, clock
-        self._run, self._expects = run, expects
+        self._line = line
         self._known_index: _Index | None = None
         self._parts: dict[PartKey, Part] = {}
         self._part_of: dict[tuple[int, Item], Part] = {}
@@ -389,7 +425,7 @@ class ValueTroubles:
 
     def opened(self, channel: int) -> None:
         """Note an open port: this ends its trouble if no block starts by itself."""
-        if not self._expects(channel):
+        if not self._line.starts_by_itself(channel):
             self._well(channel, (PORT, ""), "the port is open again")
 
     def waits(self, block: Block, station: Hashable, until: int) -> None:
@@ -438,6 +474,19 @@ class ValueTroubles:
         has_own = channel in self._index.shared and (key in self._parts or len(self._parts) < MOST_PARTS)
         return key if has_own else (channel, None, is_alone)
 
+    def overdue(self, key: PartKey, since: int) -> list[Item]:
+        """Return the blocks of a part that wait since before a time; no block, if a block has ended well since."""
+        channel, station, _ = key
+        index = self._index
+        alone = station is None and channel not in index.shared
+        blocks = index.of_channel.get(channel, ()) if alone else index.of_station.get((channel, key_of(station)), ())
+        found = self._line.overdue(blocks, since)
+        return [(BLOCK, number) for number in found if (channel, (REFUSED, number)) not in self._part_of]
+
+    def under_way(self, key: PartKey) -> str:
+        """Describe the replies to the exchange under way of a part that could not be used."""
+        return self._line.under_way(key[0], key[1])
+
     def has_other_trouble(self, key: PartKey) -> bool:
         """Return whether the other part of the same channel and station has a trouble."""
         channel, station, is_alone = key
@@ -446,7 +495,7 @@ class ValueTroubles:
 
     @property
     def _index(self) -> _Index:
-        run, known = self._run(), self._known_index
+        run, known = self._line.run, self._known_index
         if known is None or known.run is not run:
             known = self._known_index = _Index(run)
         return known

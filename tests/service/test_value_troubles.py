@@ -443,3 +443,41 @@ def test_own_repeats_that_wait_in_the_device_are_not_its_time(tmp_path: Path) ->
     assert [text for text in reports if "answers after" in text] == [
         "channel 1: station 1 answers after 2.5 s: set reply_timeout to 3 s or more"
     ]
+
+
+FIVE = "".join(f'  {name}: {{channel: 1, address: "4{at}001"}}\n' for at, name in enumerate("abcde"))
+
+
+@pytest.mark.parametrize("fault", ["no_reply", "wrong_check"])
+def test_the_first_line_counts_the_points_that_wait_for_the_same_station(fault: str, tmp_path: Path) -> None:
+    world = World(write(tmp_path, f"{{fault: {fault}, from: 15 s, until: 90 s}}", FIVE))
+    reports = world.run(89)
+    assert " – 5 points without a good value (a, b, c …)" in reports[0]
+    assert len(reports) <= 2
+    (again,) = world.run(60)
+    assert again.startswith("channel 1: good values again after ")
+
+
+def test_the_first_line_has_the_cause_that_the_device_has_shown(tmp_path: Path) -> None:
+    """The exchange takes long, so that values are too old before it fails."""
+    path = write(tmp_path, "{fault: wrong_check, from: 4 s}")
+    path.write_text(path.read_text().replace("station: 1,", "station: 1, params: {reply_timeout: 5 s},"))
+    reports = World(path).run(60)
+    assert "wrong check code (expected " in reports[0]
+    assert not any("not read" in one or "for late replies" in one.split(" – ")[0] for one in reports)
+
+
+def test_a_quick_station_on_the_line_makes_no_slow_station_slower(tmp_path: Path) -> None:
+    """The device takes 2.5 s for each request; a reply of the other device does not show that it has an empty queue."""
+    path = write(
+        tmp_path, "", "".join(f'  s{at}: {{channel: 1, station: 3, address: "4{at}001"}}\n' for at in range(3))
+    )
+    device = (tmp_path / "d1.device.yaml").read_text().replace("station: 1", "station: 3").replace("d1", "d3")
+    faults = "faults: {seed: 2, rules: [{fault: delay, time: 2500 ms, from: 15 s, until: 135 s}]}\n"
+    (tmp_path / "d3.device.yaml").write_text(device + faults)
+    run = path.read_text().replace('"sim:d1.device.yaml"', '"sim:d1.device.yaml,d3.device.yaml"')
+    path.write_text(run.replace("points:\n", 'points:\n  a: {channel: 1, address: "40001"}\n'))
+    reports = World(path).run(200)
+    assert [text for text in reports if "answers after" in text] == [
+        "channel 1: station 3 answers after 2.5 s: set reply_timeout to 3 s or more"
+    ]
