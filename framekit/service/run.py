@@ -45,6 +45,7 @@ from framekit.service.jobs import JobService, ResolveHost, resolver_for
 from framekit.service.points import PointService
 from framekit.service.run_loop import RunLoop
 from framekit.service.sinks import SinkHost, SinkService
+from framekit.service.standstill import Standstill
 from framekit.service.state import StateFile, StateKeeper
 from framekit.service.value_troubles import OF_BLOCKS, PORT, Item, ValueTroubles
 from framekit.transport.clock import Clock, date_at
@@ -187,6 +188,7 @@ class RunService(ChannelOwner):
         self._never_open: dict[int, str] = {}
         host = SinkHost(run.name, clock, self.points, partial(run_status, self))
         self.troubles = Troubles(clock.now)
+        self._standstill = Standstill(clock, self.troubles, run.name)
         self._slow: dict[tuple[int, Hashable], TroubleSource] = {}
         """Trouble of stations that answer after the time limit, by channel and station."""
         self.values = ValueTroubles(self.troubles, clock, self)
@@ -387,6 +389,7 @@ class RunService(ChannelOwner):
         self._never_open = dict.fromkeys(self.channels, "")
         self.points.table.forget_changes()
         self.loop.start()
+        self._standstill.start()
         now = self.clock.now()
         for number in self.channels:
             self.scheduler.set_open(number, False)
@@ -404,6 +407,7 @@ class RunService(ChannelOwner):
     def stop(self) -> None:
         """Stop: no further block starts, ports are closed, and the state is kept."""
         self.values.end()
+        self._standstill.stop()
         self.running = False
         self.scheduler.end()
         self._stop_jobs()
