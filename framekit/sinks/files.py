@@ -170,7 +170,8 @@ class LinesFile(Sink):
         self._file = file = open_alone(self.path)
         head = self.head()
         data = _read_at(file, 0, max(len(head), 1 << 16))
-        if data and not (head and data.startswith(head)) and not self.is_own(data):
+        is_blank = not data.strip(b"\0")  # of zero bytes only: what a loss of power leaves of a file
+        if not (is_blank or (head and data.startswith(head)) or self.is_own(data)):
             self._let_go()
             raise ForeignFileError(f"{self.path} is no {self.noun} of framekit – move it away, or name another file")
         first = data.splitlines(keepends=True)[len(head.splitlines()) : len(head.splitlines()) + 1]

@@ -95,8 +95,8 @@ def test_a_run_tells_no_secret(capsys: pytest.CaptureFixture[str], tmp_path: Pat
         for before in tmp_path.glob(f"wire*.{form}"):
             before.unlink()
         status, out = call(
-            capsys, "run", str(tmp_path / "one.run.yaml"), "--virtual", "--for", "2s", "--status", "--log", "debug",
-            "--capture", str(capture), *more,
+            capsys, "run", str(tmp_path / "one.run.yaml"), "--virtual", "--for", "2s", "--frames", "--status",
+            "--log", "debug", "--capture", str(capture), *more,
         )  # fmt: skip
         assert status == 0
         said += out

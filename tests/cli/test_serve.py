@@ -186,14 +186,19 @@ def test_a_device_that_answers_frames_by_its_own_sequences() -> None:
 
 
 def test_nobody_reads_the_output_any_more() -> None:
+    """The device goes on to answer, and a line on standard error says so."""
     with serving("mldp", "--port", "pty:") as process:
         path = line_of(process).split()[5]
         assert process.stdout is not None
         process.stdout.close()
         with opened(path) as descriptor:
-            os.write(descriptor, READ_M100)
-            assert process.wait(timeout=LONGEST) == 1
-        assert process.stderr is not None and "Traceback" not in process.stderr.read()
+            for _ in range(2):
+                os.write(descriptor, READ_M100)
+                assert os.read(descriptor, 1)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(timeout=LONGEST) == 0 and process.stderr is not None
+        told = process.stderr.read()
+        assert "standard output" in told and "Traceback" not in told
 
 
 @pytest.mark.parametrize(

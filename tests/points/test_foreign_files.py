@@ -61,7 +61,7 @@ def files() -> set[str]:
     "content",
     [
         "my notes\n", "my notes", "\n", "time flies\n", "time,voltage\n0.1,5\n", "time,voltage\n2026-01-01,5\n",
-        "time;point\n", "time\n", "\0" * 100, '{"time": "2026-01-01T00:00:00.000Z", "level": "info"}\n',
+        "time;point\n", "time\n", "\0" * 100 + "x", '{"time": "2026-01-01T00:00:00.000Z", "level": "info"}\n',
         '{"columns": 3}',
     ],
 )  # fmt: skip
@@ -83,6 +83,16 @@ def test_a_file_of_other_content_is_an_error_and_stays(sink: str, name: str, nou
         f"plant.run.yaml:7:5: {name} is no {noun} of framekit – move it away, or name another file"
     ]
     assert (files(), Path(name).read_text()) == ({name}, content)
+
+
+def test_a_file_of_zero_bytes_as_a_loss_of_power_leaves_it_is_put_aside() -> None:
+    Path("values.csv").write_bytes(bytes(4096))
+    run = VirtualRun(run_file("{csv: values.csv}"))
+    run.start()
+    run.run_for("3 s")
+    run.stop()
+    assert Path("values.csv").read_text().startswith("time,point,value")
+    assert sorted(path.stat().st_size for path in Path().glob("values.*")).count(4096) == 1
 
 
 # ---- devices, folders, pipes, sockets ------------------------------------------------------------------------------
