@@ -9,8 +9,7 @@ from typing import Any
 from framekit.api.monitor import FrameLog
 from framekit.api.run import AsyncRun, VirtualRun, view_of
 from framekit.extras.web.access import Access
-from framekit.extras.web.board import WebBoard
-from framekit.extras.web.session import WebSession
+from framekit.extras.web.board import WebBoard, WebSession
 from framekit.extras.web.shown import shown_run
 
 TOKEN = "a-token-of-tests"

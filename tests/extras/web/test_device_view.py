@@ -18,9 +18,8 @@ from framekit.api.errors import NoReplyError
 from framekit.api.monitor import FrameLog
 from framekit.api.server import AsyncServer, aserve, view_of_devices
 from framekit.extras.web.access import Access
-from framekit.extras.web.board import WebBoard
+from framekit.extras.web.board import WebBoard, WebSession
 from framekit.extras.web.device_view import address_text
-from framekit.extras.web.session import WebSession
 from framekit.extras.web.shown import shown_server
 from framekit.runfile.devices import load_devices
 from framekit.service.device import DeviceStore

@@ -18,9 +18,9 @@ from framekit.api.errors import RequestError
 from framekit.api.points import course_of
 from framekit.extras.web import assets
 from framekit.extras.web.access import Access
+from framekit.extras.web.board import WebSession
 from framekit.extras.web.cards import Card, Rate
 from framekit.extras.web.notices import MOST_NOTICES, Notices
-from framekit.extras.web.session import WebSession
 
 SECOND = 1_000_000_000
 BEGIN = 946_684_800

@@ -31,9 +31,8 @@ from framekit.extras.web import patience
 from framekit.extras.web import server as server_module
 from framekit.extras.web.access import Access, is_known_host
 from framekit.extras.web.assets import PAGE, chart_files
-from framekit.extras.web.board import WebBoard
+from framekit.extras.web.board import WebBoard, WebSession
 from framekit.extras.web.server import PageApp, WebServer
-from framekit.extras.web.session import WebSession
 from framekit.extras.web.shown import shown_run, shown_server
 
 MARKUP = re.compile(r"innerHTML|outerHTML|insertAdjacent|document\.write|eval\(|new Function|\sstyle=|\son\w+=")
