@@ -8,6 +8,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Any, NoReturn
 
 from framekit import __version__
@@ -173,8 +174,10 @@ def build_parser(only: str | None = None) -> Parser:
 
 def parse(parser: Parser, words: Sequence[str]) -> tuple[argparse.Namespace, list[str]]:
     """Return the parsed words, and the words without a meaning. Options may stand between positional arguments."""
-    if words and words[0] == "read" and (digits := [word for word in words if word in DIGITS]):
-        parser.verbs[words[0]].refuse(digits)
+    if words and words[0] == "read":
+        digits = [word for before, word in pairwise(words) if word in DIGITS and not before.startswith("-")]
+        if digits:
+            parser.verbs[words[0]].refuse(digits)
     parsed, unknown = parser.parse_known_args(words)
     if unknown and not any(word.startswith("-") for word in unknown):
         return parser.verbs[parsed.verb].parse_known_intermixed_args(words[1:], argparse.Namespace(verb=parsed.verb))
