@@ -100,7 +100,7 @@ def start_values(protocol: model.Protocol) -> dict[str, Any]:
     for variable in protocol.state.values():
         if variable.keys is not None:
             known[variable.name] = {}
-        elif variable.announced:
+        elif variable.announced and variable.initial is None:
             known[variable.name] = None
         elif variable.given is not None:
             continue

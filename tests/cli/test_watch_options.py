@@ -166,7 +166,7 @@ def test_the_log_is_silent_unless_asked_for(capsys: pytest.CaptureFixture[str]) 
 def test_a_capture_that_could_not_be_written_is_told_and_ends_with_status_1(
     verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(_Sink, "_write", lambda sink, record: sink.trouble.begins("the disk is full"))
+    monkeypatch.setattr(_Sink, "_write", lambda sink, records, number: sink.trouble.begins("the disk is full"))
     with PtyPair() as pair:
         words = {
             "run": [str(EXAMPLES / "third-party-plc.run.yaml"), "--virtual"],
