@@ -433,7 +433,8 @@ class LateReplies:
     def _match(self, request: OpenRequest) -> int:
         """Close a request whose reply was late; learn its lateness. Return the time that the device took for it."""
         now = self._scope.now
-        service, station, lateness = self._close(request), key_of(request.station), now - request.at
+        lateness = min(now - request.at, HORIZON * max(1, request.within))  # of a longer wait the reply is not sure
+        service, station = self._close(request), key_of(request.station)
         self.lost, self.seen_at = 0, now
         if lateness > self._greatest_of(station) and not request.by_itself:
             self._greatest[station] = lateness, now

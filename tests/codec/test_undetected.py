@@ -52,7 +52,7 @@ def test_exclusive_or_turned_by_one_bit_a_byte(flips: int, theory: float, tries:
     codec = compile_protocol(load_protocol("snp"))
     random = Random(flips)
     data = random.randbytes(256)
-    names = Names({"announced": 264})
+    names = Names(codec.defaults | {"announced": 264})
     good = codec.encode("data_message", {"type": 0x54, "data": data}, names)
     bits = [(place, bit) for place in range(2, 258) for bit in range(8)]
     taken = 0

@@ -73,7 +73,7 @@ def test_the_container_copies_what_the_package_needs_and_starts_a_run() -> None:
         *sources, _ = copied.split()
         assert all((ROOT / source).exists() for source in sources)
     built = {source for copied in instructions("COPY") for source in copied.split()[:-1]}
-    assert {"pyproject.toml", "README.md", "framekit", "frames", "schemas"} <= built
+    assert {"pyproject.toml", "README.md", "framekit", "frames", "schemas", "examples/demo"} <= built
     (entry,), (words,) = (instructions(word) for word in ("ENTRYPOINT", "CMD"))
     assert entry == '["framekit"]'
     parsed = build_parser().parse_args([word.strip('" ') for word in words.strip("[]").split(",")])
