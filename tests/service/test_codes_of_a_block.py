@@ -23,7 +23,7 @@ from framekit.transport.schemes import SCHEMES, Scheme
 
 MOST_WITHOUT_A_MONITOR = 3365
 MOST_WITH_A_MONITOR = 4620
-"""With the lines of frames and of changed values. What holds now; asyncio and its sockets take about 500 more on TCP."""
+"""With the lines of frames and of changed values. These hold now; asyncio and its sockets take some 500 more on TCP."""
 
 RUN = """
 run: reads
