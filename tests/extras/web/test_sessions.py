@@ -12,7 +12,7 @@ pytest.importorskip("starlette")
 
 from extras.web.page_world import TOKEN, Browser, Page, written
 
-from framekit.extras.web import session as session_module
+from framekit.extras.web import board as session_module
 from framekit.extras.web.history import PointHistory
 from framekit.extras.web.shown import ChangingRows, ShownRow
 
