@@ -51,7 +51,7 @@ class FoundDevice:
 
 
 @dataclass(frozen=True, slots=True)
-class _Place:
+class _ScannedLine:
     """A port with the settings of its line."""
 
     settings: ClientSettings
@@ -79,13 +79,13 @@ class Scan:
             given["reply_timeout"] = timeout
         ports = _ports(port, hosts)
         self._of_hosts = bool(hosts)
-        self._places: list[_Place] = []
+        self._places: list[_ScannedLine] = []
         for one in ports:
             for speed in speeds or (None,):
                 for form in formats or (None,):
                     settings = line_settings(found, one, role=role, speed=speed, format=form, own=own, params=given)
                     settings.check_own()
-                    self._places.append(_Place(settings, "" if settings.line is None else str(settings.line)))
+                    self._places.append(_ScannedLine(settings, "" if settings.line is None else str(settings.line)))
         self.stations = _stations(found, stations)
         self.probe = probe_of(found)
         self.total = len(self._places) * len(self.stations)
@@ -108,7 +108,7 @@ class Scan:
         found: asyncio.Queue[FoundDevice | None] = asyncio.Queue()
         limit = asyncio.Semaphore(AT_ONCE)
 
-        async def ask(place: _Place) -> None:
+        async def ask(place: _ScannedLine) -> None:
             async with limit:
                 try:
                     async for device in self._on(place, HOST_WITHIN):
@@ -138,7 +138,7 @@ class Scan:
             except BaseExceptionGroup as errors:
                 raise errors.exceptions[0] from None
 
-    async def _on(self, place: _Place, within: float) -> AsyncIterator[FoundDevice]:
+    async def _on(self, place: _ScannedLine, within: float) -> AsyncIterator[FoundDevice]:
         """Yield the devices of one port with one setting of the line."""
         async with AsyncClient(place.settings, open_within=within) as client:
             for station in self.stations:
@@ -159,9 +159,9 @@ class Scan:
             else:
                 assert self.probe.call is not None
                 await client.call(self.probe.call, self.probe.arguments, station=station)
-        except (LineClosedError, NoReplyError) as error:
-            if isinstance(error, LineClosedError):
-                raise
+        except LineClosedError:
+            raise
+        except NoReplyError:
             return "", ""
         except ReplyError as error:
             return "damaged", error.cause or str(error)

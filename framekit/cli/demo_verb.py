@@ -127,26 +127,21 @@ async def _real(model: RunModel) -> FrameLog:
 def _chosen(log: FrameLog) -> list[FrameEntry]:
     """Return three frames: the longest reply with its request, and the request of the rarest kind."""
     from framekit.api.monitor import FrameFilter
+    from framekit.api.rows import meaning_of
 
     frames = [entry for entry in log.chosen(FrameFilter()) if entry.seen.kind == "frame"]
     at = max(range(1, len(frames)), key=lambda number: (frames[number].seen.direction == "in", _size(frames[number])))
     requests = [entry for entry in frames if entry.seen.direction == "out"]
-    kinds = Counter(_kind(log, entry) for entry in requests)
-    return [frames[at - 1], frames[at], min(requests, key=lambda entry: kinds[_kind(log, entry)])]
+    kinds = Counter(meaning_of(entry.seen) for entry in requests)
+    return [frames[at - 1], frames[at], min(requests, key=lambda entry: kinds[meaning_of(entry.seen)])]
 
 
 def _size(entry: FrameEntry) -> int:
     return len(entry.seen.raw)
 
 
-def _kind(log: FrameLog, entry: FrameEntry) -> str:
-    """Return the name of the frame inside, or of the frame."""
-    inner = next((value for value in entry.seen.fields.values() if isinstance(value, dict)), None)
-    return entry.seen.frame if inner is None else next(iter(inner))
-
-
 def _frame_text(log: FrameLog, entry: FrameEntry) -> str:
-    from framekit.api.rows import FIELD_HEAD, field_row
+    from framekit.api.rows import FIELD_HEAD, field_row, meaning_of
 
-    title = f"{ARROWS[entry.seen.direction]} {_kind(log, entry)}, {_size(entry)} bytes"
+    title = f"{ARROWS[entry.seen.direction]} {meaning_of(entry.seen)}, {_size(entry)} bytes"
     return f"{title}\n{table([field_row(row) for row in log.fields(entry)], FIELD_HEAD)}"

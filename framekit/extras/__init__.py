@@ -1,1 +1,1 @@
-"""Extras: each folder is one part that the core does without, named as its pip extra where it has one."""
+"""Contain the optional parts of framekit: a package for each, with the name of its pip extra if it needs libraries."""

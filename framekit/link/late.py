@@ -17,6 +17,7 @@ No request open: in step again, from every state. Sans-I/O: the engine calls the
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping
+from contextlib import suppress
 from typing import Any
 
 from framekit.codec.errors import FrameError
@@ -46,7 +47,7 @@ MOST_HOLDS = 5
 """A request fails after so many times the usual hold: frames without a request arrive without end."""
 
 MOST_RESTARTS = 2
-"""An exchange in doubt gathers replies again so many times after a hold; then the line drains."""
+"""An exchange in doubt gathers replies again so many times, after holds and lost requests; then the line drains."""
 
 FORGET = 600_000_000_000
 """A measured lateness loses its effect linearly within this time (ns)."""
@@ -114,9 +115,9 @@ class Doubt:
         """Time of the last reply that came without a request."""
         self.is_draining = False
 
-    def restart(self, now: int) -> None:
-        """Begin to gather replies again, after a hold or a lost request."""
-        self.gathers_from, self.quickest = now, LONGEST
+    def restart(self, begin: int) -> None:
+        """Gather replies again from `begin` on (ns), after a hold or a lost request."""
+        self.gathers_from, self.quickest = begin, LONGEST
         self.changes = self.equal = 0
         self.result = None
         self.restarts += 1
@@ -182,9 +183,10 @@ class LateReplies:
         more, unusable = self.time(x.names, run.longest), run.unusable
         if more:
             request = request_of(run, x)
-            request.is_met = unusable is not None and unusable.take_new()
-            if request.is_met and unusable is not None and unusable.is_reply and not self.open:
-                return  # its reply has come, damaged
+            if unusable is not None and unusable.take_new():
+                if unusable.is_reply and not self.open:
+                    return  # its reply has come, damaged
+                request.is_met = True
             self._add(request)
             self._hold(x.station, run.started, run.longest, more)
 
@@ -193,18 +195,15 @@ class LateReplies:
         info = self._table.infos.get(bad.frame)
         if self.open or not self.expected.is_single or info is None or bad.cause != "check":
             return False
-        fields: dict[str, Any] = {}
         try:
             info.decode(bad.raw, self._scope)
         except FrameError as error:
             if error.cause == "check" and error.also is None:
-                fields = error.fields
+                with suppress(CODEC_ERRORS):
+                    return self._is_reply_to(info.make(error.fields, bad.raw, None), request_of(run, x))
         except CODEC_ERRORS:
-            return False
-        try:
-            return bool(fields) and self._is_reply_to(info.make(fields, bad.raw, None), request_of(run, x))
-        except CODEC_ERRORS:
-            return False
+            pass
+        return False
 
     def took(self, run: Run, x: Exchange) -> None:
         """Note a reply to a request that was repeated: it answers the first of the equal requests, others are open."""
@@ -227,13 +226,12 @@ class LateReplies:
             self._hold(x.station, run.started, run.longest, more)
 
     def _is_prompt(self, run: Run, x: Exchange, first: OpenRequest) -> bool:
-        """Return whether the reply to a repeated request came quickly, and nothing shows that the device was ever late.
+        """Return whether the reply to a repeated request came quickly, and no late reply of the station is known.
 
         Then the first request, or its reply, was probably lost. The line is out of step all the same.
         """
-        took = self._scope.now - run.started
-        is_known = self.strange_since or self.seen_at >= first.at or self._greatest_of(x.station)
-        return not is_known and took <= run.longest // 8
+        is_late = self.strange_since or self.seen_at >= first.at or self._greatest_of(x.station)
+        return not is_late and self._scope.now - run.started <= run.longest // 8
 
     def _may_be_another(self, reply: FrameValue | None) -> bool:
         """Return whether a reply in time may be the reply to an open request, or to an unknown request."""
@@ -433,7 +431,7 @@ class LateReplies:
     def _match(self, request: OpenRequest) -> int:
         """Close a request whose reply was late; learn its lateness. Return the time that the device took for it."""
         now = self._scope.now
-        lateness = min(now - request.at, HORIZON * max(1, request.within))  # of a longer wait the reply is not sure
+        lateness = min(now - request.at, HORIZON * max(1, request.within))  # later, it may be no reply to it
         service, station = self._close(request), key_of(request.station)
         self.lost, self.seen_at = 0, now
         if lateness > self._greatest_of(station) and not request.by_itself:

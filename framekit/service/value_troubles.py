@@ -315,7 +315,7 @@ class Part:
         return "; ".join(found)
 
 
-class _Index:
+class _BlockIndex:
     """The blocks and points of a run, as reports need them."""
 
     def __init__(self, run: RunModel) -> None:
@@ -342,7 +342,7 @@ class _Index:
                 self.points.setdefault(number, []).append(point.name)
 
 
-class Line(Protocol):
+class WatchedRun(Protocol):
     """The contract of a run with the troubles of its values: the state of its lines and blocks."""
 
     run: RunModel
@@ -360,10 +360,10 @@ class Line(Protocol):
 class ValueTroubles:
     """The troubles of the values of a run."""
 
-    def __init__(self, troubles: Troubles, clock: Clock, line: Line) -> None:
+    def __init__(self, troubles: Troubles, clock: Clock, line: WatchedRun) -> None:
         self.troubles, self.clock = troubles, clock
         self._line = line
-        self._known_index: _Index | None = None
+        self._known_index: _BlockIndex | None = None
         self._parts: dict[PartKey, Part] = {}
         self._part_of: dict[tuple[int, Item], Part] = {}
         """The part in which each item fails; each fails in one part at most, also if its station changes."""
@@ -494,10 +494,10 @@ class ValueTroubles:
         return other is not None and bool(other.source.reason)
 
     @property
-    def _index(self) -> _Index:
+    def _index(self) -> _BlockIndex:
         run, known = self._line.run, self._known_index
         if known is None or known.run is not run:
-            known = self._known_index = _Index(run)
+            known = self._known_index = _BlockIndex(run)
         return known
 
     def named(self, channel: int | None, items: tuple[Item, ...], what: str = " without a good value") -> str:

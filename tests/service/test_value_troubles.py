@@ -361,12 +361,12 @@ def test_the_blocks_of_a_run_are_looked_through_once(tmp_path: Path, monkeypatch
     """Neither an exchange nor a report searches all blocks and points."""
     made: list[RunModel] = []
 
-    class Counted(value_troubles._Index):
+    class Counted(value_troubles._BlockIndex):
         def __init__(self, run: RunModel) -> None:
             made.append(run)
             super().__init__(run)
 
-    monkeypatch.setattr(value_troubles, "_Index", Counted)
+    monkeypatch.setattr(value_troubles, "_BlockIndex", Counted)
     world = World(write_blocks(tmp_path, "{fault: error_reply}", more=SECOND_STATION))
     assert len(world.run(30)) == 2 and len(world.shown) == 2
     assert made == [world.service.run]

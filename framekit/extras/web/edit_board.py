@@ -13,7 +13,7 @@ from typing import Any
 
 from framekit import __version__
 from framekit.extras.web.access import Access, Visitor
-from framekit.extras.web.edit_files import LARGEST_TEXT, EditedFolder, EditRefusedError, OpenedFile
+from framekit.extras.web.edit_files import LARGEST_TEXT, EditedFile, EditedFolder, EditRefusedError
 from framekit.extras.web.edit_process import WorkError, Workers
 from framekit.extras.web.messages import Actions, Message, Told, answered, plain_text, whole_number
 
@@ -54,7 +54,7 @@ class EditSession:
     def __init__(self, board: EditBoard, access: Access, who: str) -> None:
         self.board = board
         self.visitor = Visitor(access, who)
-        self._file: OpenedFile | None = None
+        self._file: EditedFile | None = None
         self._text = ""
         self._stamp = (0, 0)
         """The time of change and the size of the file as the browser knows it."""
@@ -123,7 +123,7 @@ class EditSession:
             return {**answer, "why": str(error)}
         log.info("edit: %r saved for %s", name, self.visitor.who)
         if self._file is not None and self._file.name == name:
-            self._file = OpenedFile(name, _text(text), saved)
+            self._file = EditedFile(name, _text(text), saved)
             self._stamp = self.board.folder.stamp(name)
         return {**answer, "saved": name, "digest": saved}
 

@@ -27,7 +27,7 @@ class EditRefusedError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class OpenedFile:
+class EditedFile:
     """A file as it was read."""
 
     name: str
@@ -98,10 +98,10 @@ class EditedFolder:
         is_inside = path.is_relative_to(self.root) and path.suffix in ENDINGS and path.is_file()
         return path if is_inside else None
 
-    def read(self, name: str) -> OpenedFile:
+    def read(self, name: str) -> EditedFile:
         """Return the content of a file. Raise EditRefusedError."""
         content = _content(self.path_of(name))
-        return OpenedFile(name, _text(content), digest_of(content))
+        return EditedFile(name, _text(content), digest_of(content))
 
     def stamp(self, name: str) -> tuple[int, int]:
         """Return time of change and size of a file, to notice changes by other programs; (0, 0) for a missing file."""

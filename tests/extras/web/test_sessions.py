@@ -12,7 +12,7 @@ pytest.importorskip("starlette")
 
 from extras.web.page_world import TOKEN, Browser, Page, written
 
-from framekit.extras.web import board as session_module
+from framekit.extras.web import board
 from framekit.extras.web.history import PointHistory
 from framekit.extras.web.shown import ChangingRows, ShownRow
 
@@ -22,7 +22,7 @@ def page(tmp_path: Path) -> Page:
     return Page(written(tmp_path))
 
 
-def answered(session: session_module.WebSession, **told: object) -> dict[str, object]:
+def answered(session: board.WebSession, **told: object) -> dict[str, object]:
     found = asyncio.run(session.answer(told))
     assert found is not None
     return found
@@ -63,12 +63,12 @@ def test_a_slow_browser_loses_what_came_in_between_and_has_the_same_picture(page
     assert len(told) <= 8
     page.run.run_for("100 s")
     later = [message for message in slow.news() if "frames" in message]
-    assert len(later[0]["frames"]) == session_module.MOST_FRAMES
+    assert len(later[0]["frames"]) == board.MOST_FRAMES
     assert later[0]["missed"] > 0
 
 
 def test_messages_are_of_bounded_size(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(session_module, "PIECE", 1)
+    monkeypatch.setattr(board, "PIECE", 1)
     page.run.run_for("2 s")
     session = page.session()
     browser = Browser(session.hello())
