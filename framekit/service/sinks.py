@@ -100,7 +100,10 @@ class SinkHost:
                 found.set_exception(error)
 
         self._soon(answer)
-        return found.result(LONGEST_ANSWER)
+        try:
+            return found.result(LONGEST_ANSWER)
+        except TimeoutError as error:
+            raise TimeoutError(str(error) or f"the run did not answer for {LONGEST_ANSWER} s") from None
 
     def write(self, point: str, value: Any, who: str, answer: Callable[[str], None]) -> None:
         """Write a point; `answer` is called with the reason of a refusal, or ''."""

@@ -214,7 +214,7 @@ def test_a_run_goes_on_when_its_adapter_is_pulled_out_and_put_back(tmp_path: Pat
             assert await run.ended() == 0
             blocks = run.blocks()
             assert blocks[0]["failed"] + blocks[1]["failed"] <= 4, "what was under way, and what nobody heard"
-            assert blocks[0]["done"] >= 12, "of 30 replies for two blocks; after a lost reply some only confirm others"
+            assert blocks[0]["done"] >= 8, "of 30 replies for two blocks; after a lost reply some only confirm others"
             assert blocks[0]["overruns"] > 0, "cycles that came due without a port count"
 
     on_wires(tmp_path, test)

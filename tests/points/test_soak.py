@@ -11,13 +11,14 @@ import argparse
 import csv
 import json
 import re
+import socket
 import sqlite3
 import sys
 import tempfile
 import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 from urllib.request import urlopen
@@ -194,6 +195,7 @@ def soak(folder: Path, seconds: float, pause: float) -> Counter[str]:
         run = framekit.Run(path)
         run.points.watch(changed)
         with run:
+            _until(lambda: _listens(places["opcua"]), "the server starts")
             until, number = time.monotonic() + seconds, 0
             while time.monotonic() < until:
                 time.sleep(min(pause, max(0.0, until - time.monotonic())))
@@ -256,6 +258,11 @@ def _first_difference(had: list[int], values: list[int]) -> str:
         if one != other:
             return f"at {at} {had[max(0, at - 2) : at + 9]} for {values[max(0, at - 2) : at + 9]}"
     return f"behind {had[-2:]}: {values[-2:]}"
+
+
+def _listens(port: int) -> bool:
+    with closing(socket.socket()) as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
 def _until(is_so: Callable[[], bool], what: str, within: float = 60) -> None:
