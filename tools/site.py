@@ -33,7 +33,8 @@ SECTIONS: dict[str, list[str]] = {
     "Devices and lines": [
         "docs/run-files.md", "docs/run-memory.md", "docs/run-commands.md", "docs/run-stations.md", "docs/run-edits.md",
         "docs/servers.md", "docs/behave.md", "docs/lines.md", "docs/faults.md", "docs/jobs.md",
-        "docs/diagnosis.md", "docs/unknown.md", "docs/guess.md", "docs/web.md", "docs/exposing.md", "docs/systems.md",
+        "docs/diagnosis.md", "docs/unknown.md", "docs/guess.md", "docs/guess-details.md",
+        "docs/web.md", "docs/exposing.md", "docs/systems.md",
     ],
     "Values": ["docs/points.md", "docs/sinks.md", "docs/fleets.md"],
     "The language": [
@@ -46,7 +47,7 @@ SECTIONS: dict[str, list[str]] = {
     ],
     "How it works": [
         "docs/architecture.md", "docs/receiver.md", "docs/performance.md", "docs/internals/performance.md",
-        "docs/extending.md", "CONTRIBUTING.md",
+        "docs/internals/guess.md", "docs/extending.md", "CONTRIBUTING.md",
     ],
     "Protocols": sorted(str(page.relative_to(ROOT)) for page in ROOT.glob("docs/protocols/*.md")),
 }  # fmt: skip
