@@ -36,14 +36,14 @@ SECTIONS: dict[str, list[str]] = {
         "docs/diagnosis.md", "docs/unknown.md", "docs/guess.md", "docs/guess-details.md",
         "docs/web.md", "docs/exposing.md", "docs/systems.md",
     ],
-    "Values": ["docs/points.md", "docs/sinks.md", "docs/fleets.md"],
+    "Values": ["docs/points.md", "docs/sinks.md", "docs/sinks-servers.md", "docs/mqtt.md", "docs/fleets.md"],
     "The language": [
         "docs/language.md", *sorted(str(page.relative_to(ROOT)) for page in ROOT.glob("docs/language/*.md")),
         "docs/conversion.md", "docs/text-numbers.md", "docs/sharing.md",
     ],
     "Reference": [
-        "docs/reference.md", "docs/segments.md", "docs/cli.md", "docs/python-api.md", "docs/error-codes.md",
-        "docs/glossary.md",
+        "docs/reference.md", "docs/segments.md", "docs/cli.md", "docs/error-codes.md",
+        "docs/python-api.md", "docs/python-frames.md", "docs/python-runs.md", "docs/glossary.md",
     ],
     "How it works": [
         "docs/architecture.md", "docs/receiver.md", "docs/performance.md", "docs/internals/performance.md",
@@ -119,7 +119,7 @@ def api(pages: Path) -> str:
         "# Python API: every name",
         "",
         "What `import framekit` offers, from the docstrings. "
-        "[framekit in a Python program](docs/python-api.md) shows it at work.",
+        "[A client in Python](docs/python-api.md) shows it at work.",
         "",
     ]
     homes = {name: home for home, names in framekit._HOMES.items() for name in names}
