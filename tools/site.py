@@ -86,10 +86,10 @@ def lay_out(pages: Path) -> None:
 
 def gallery(pages: Path) -> list[str]:
     """A page for each shipped protocol, made of its definition; the pages, by family."""
-    from framekit.api.document import document, markdown
     from framekit.api.vectors import vectors_path
     from framekit.definition.load.protocol import load_protocol
     from framekit.definition.sources import shipped_definitions
+    from framekit.extras.documents.document import document, markdown
 
     folder, rows = pages / "gallery", []
     folder.mkdir()

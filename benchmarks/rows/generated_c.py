@@ -18,8 +18,8 @@ from typing import IO, TYPE_CHECKING
 
 from benchmarks.measure import ROUND, interleave
 from benchmarks.row import Row, faster, slower
-from framekit.codec.c.generate import generate
 from framekit.definition.load.protocol import load_protocol
+from framekit.extras.generate_c.generate import generate
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -1,7 +1,8 @@
-"""Definitions converted from other programs' descriptions of protocols: the formats and their readers.
+"""Definitions converted from other programs' descriptions of protocols: the file is read, and its format found.
 
-A format is one row of `FORMATS`. Its function takes the text of a file, the file name for messages, and the
-name of the new protocol. It raises DefinitionError for a text that is no such description.
+A format is a row that an extra brings (`IMPORTERS` of `framekit/extras_table.py`). Its function takes the text of a
+file, the file name for messages, and the name of the new protocol. It raises DefinitionError for a text that is no such
+description.
 """
 
 from __future__ import annotations
@@ -9,31 +10,14 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 from framekit.api.errors import RequestError
-from framekit.api.streamdevice import from_streamdevice
-from framekit.codec.kaitai.importing import import_kaitai
 from framekit.definition.imported import ImportedDefinition
 from framekit.definition.problems import DefinitionError, Position, Problem
+from framekit.extras_table import IMPORTERS, load
 
 MOST_BYTES = 1_000_000
 """Largest size of a file (bytes)."""
-
-
-class ImportFormat(NamedTuple):
-    """A format. `encoding`: encoding of its files; a file with invalid bytes is refused."""
-
-    what: str
-    encoding: str
-    read: Callable[[str, str, str], ImportedDefinition]
-
-
-FORMATS: dict[str, ImportFormat] = {
-    ".ksy": ImportFormat("a description of Kaitai Struct", "utf-8", import_kaitai),
-    ".proto": ImportFormat("a protocol file of EPICS StreamDevice", "latin-1", from_streamdevice),
-}
-"""Formats by the suffix of a file, in lower case."""
 
 
 def import_definition(path: Path, name: str) -> ImportedDefinition:
@@ -41,9 +25,9 @@ def import_definition(path: Path, name: str) -> ImportedDefinition:
 
     Raises OSError, RequestError for an unknown suffix, DefinitionError.
     """
-    chosen = FORMATS.get(path.suffix.lower())
+    chosen = IMPORTERS.get(path.suffix.lower())
     if chosen is None:
-        known = ", ".join(f"{ending} ({one.what})" for ending, one in FORMATS.items())
+        known = ", ".join(f"{ending} ({one.about})" for ending, one in IMPORTERS.items())
         raise RequestError(f"'{path.name}' has no ending that says what it is – known: {known}")
     with path.open("rb") as file:
         data = file.read(MOST_BYTES + 1)
@@ -58,7 +42,8 @@ def import_definition(path: Path, name: str) -> ImportedDefinition:
         at = Position(str(path), before.count(b"\n") + 1, error.start - before.rfind(b"\n"))
         problem = Problem(at, f"byte {data[error.start]:02X} is no {chosen.encoding} text", "save it in that encoding")
         raise DefinitionError([problem]) from None
-    return chosen.read(text, str(path), name)
+    read: Callable[[str, str, str], ImportedDefinition] = load(chosen.target)
+    return read(text, str(path), name)
 
 
 def definition_beside(path: Path) -> Path:

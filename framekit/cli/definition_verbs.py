@@ -1,4 +1,4 @@
-"""The verbs about definitions, which need no port: `encode`, `frames`, `generate`, `check` and `test`.
+"""The verbs about definitions, which need no port: `encode`, `frames`, `check` and `test`.
 
 `check` reports every problem of definitions, devices, runs, vectors, profiles, fault plans and jobs, at once; for a run
 also how much of their time its channels need. `test` runs the vectors of a definition, frames and conversations.
@@ -30,17 +30,14 @@ from framekit.cli.common import (
     scope_of,
     status_of,
     table,
-    told,
     told_once,
-    why_not,
 )
-from framekit.definition.problems import no_such, plural, printable
+from framekit.definition.problems import no_such, plural
 
 if TYPE_CHECKING:
     from framekit.api.check import Checked
     from framekit.definition.model.frames import Frame
     from framekit.definition.model.segments import Segment
-    from framekit.definition.problems import Problem
 
 
 def add_encode_arguments(parser: argparse.ArgumentParser) -> None:
@@ -250,179 +247,6 @@ def _form(segment: Segment) -> str | None:
         case Value():
             return "derived"
     return None
-
-
-def add_generate_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "what",
-        choices=("python", "c", "wireshark", "kaitai", "jsonschema", "typescript", "document", "diagram"),
-        help="python: a module of plain functions, usable without framekit; c: a header and a source in C99, with"
-        " nothing to link; wireshark: a dissector in Lua; kaitai: a Kaitai Struct file (.ksy);"
-        " jsonschema, typescript: types of what decode"
-        " --json prints; document: the frames drawn, fields, services and sequences,"
-        " for people; diagram: the sequences in Mermaid",
-    )
-    add(parser, "protocol")
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        metavar="FILE",
-        help="where to write it; default: standard output; of c and kaitai a directory; of document NAME.html or"
-        " NAME.md",
-    )
-    parser.add_argument(
-        "--strict", action="store_true", help="c, wireshark, kaitai: exit status 1 if something is left out"
-    )
-    add(parser, "--param", help=NAMES_HELP)
-    parser.add_argument(
-        "--max-bytes", type=_bytes_of_a_frame, metavar="N", default=None,
-        help="c: bytes of a frame whose definition has no limit (default 1024)",
-    )  # fmt: skip
-
-
-LONGEST_FRAME = 65_536
-
-
-def _bytes_of_a_frame(text: str) -> int:
-    """Return a number of bytes from its text. Raises ArgumentTypeError."""
-    if not text.isdecimal() or not 1 <= int(text) <= LONGEST_FRAME:
-        raise argparse.ArgumentTypeError(f"'{text}' is no size – write a number from 1 to {LONGEST_FRAME}")
-    return int(text)
-
-
-def run_generate(arguments: argparse.Namespace) -> int:
-    if arguments.output is not None and arguments.output.suffix in (".yaml", ".yml"):
-        raise WordsError(f"-o: {arguments.output} ends like a definition, and none is written over – name another file")
-    if arguments.what == "c":
-        return _generate_c(arguments)
-    if arguments.what == "kaitai":
-        return _generate_kaitai(arguments)
-    if arguments.what == "document":
-        return _generate_document(arguments)
-    protocol = load_codec(arguments.protocol).protocol
-    left_out = ""
-    if arguments.param and arguments.what != "wireshark":
-        raise WordsError("--param is for wireshark: other code is given parameters when it runs")
-    if arguments.what == "wireshark":
-        from framekit.codec.lua.generate import generate_dissector
-
-        made = generate_dissector(protocol, scope_of(protocol, arguments.param))
-        source, left_out = made.source, "\n".join(_not_said(*one) for one in made.left_out)
-    elif arguments.what == "python":
-        from framekit.codec.python.generate import generate_source
-
-        source = generate_source(protocol)
-    elif arguments.what in ("jsonschema", "typescript"):
-        import json
-
-        from framekit.api.value_types import json_schema, typescript
-
-        is_schema = arguments.what == "jsonschema"
-        source = (
-            json.dumps(json_schema(protocol), indent=1, ensure_ascii=False) + "\n"
-            if is_schema
-            else typescript(protocol)
-        )
-    else:
-        from framekit.definition.diagrams import diagrams
-
-        if not protocol.sequences:
-            raise VerbError(f"'{protocol.name}' has no sequences – there is nothing to draw")
-        source = diagrams(protocol)
-    if arguments.output is None:
-        print(source, end="")
-    else:
-        try:
-            arguments.output.write_text(source, encoding="utf-8")
-        except OSError as error:
-            raise VerbError(f"cannot write {why_not(error, arguments.output)}") from None
-    if left_out:
-        print(left_out, file=sys.stderr)
-    return 1 if arguments.strict and left_out else 0
-
-
-def _not_said(problem: Problem, frames: tuple[str, ...]) -> str:
-    """Return a message about a part that the dissector lacks, with the names of its frames."""
-    some = f" ({', '.join(frames[:3])}{', …' if len(frames) > 3 else ''})" if frames else ""
-    return printable(told(problem) + some)
-
-
-def _generate_document(arguments: argparse.Namespace) -> int:
-    """Write one page, or Markdown with a folder of pictures."""
-    from framekit.api.document import document, html, markdown
-    from framekit.api.vectors import vectors_path
-    from framekit.definition.load.protocol import definition_path
-
-    place: Path | None = arguments.output
-    if place is None or place.suffix not in (".html", ".md"):
-        raise WordsError("a document is written into a file – add -o NAME.html or -o NAME.md")
-    blocks = document(load(arguments.protocol), vectors_path(definition_path(arguments.protocol)))
-    folder = place.with_suffix(".frames")
-    text, pictures = (html(blocks), {}) if place.suffix == ".html" else markdown(blocks, folder.name)
-    try:
-        place.write_text(text, encoding="utf-8")
-        if pictures:
-            folder.mkdir(exist_ok=True)
-        for name, picture in pictures.items():
-            (folder / name).write_text(picture, encoding="utf-8")
-    except OSError as error:
-        raise VerbError(f"cannot write {why_not(error, place)}") from None
-    return 0
-
-
-def _place(problem: Problem) -> str:
-    """Return the place of a problem, relative to the current folder."""
-    return f"{near(problem.at.file)}:{problem.at.line}:{problem.at.column}"
-
-
-def _generate_c(arguments: argparse.Namespace) -> int:
-    """Write a header and a source into a directory; report the frames that are left out."""
-    from framekit.codec.c.generate import MOST_BYTES, generate
-
-    folder: Path | None = arguments.output
-    if folder is None:
-        raise WordsError("C is written into a directory – add -o DIR")
-    made = generate(load_codec(arguments.protocol).protocol, arguments.max_bytes or MOST_BYTES)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / f"{made.name}.h").write_text(made.header, encoding="ascii")
-        (folder / f"{made.name}.c").write_text(made.source, encoding="ascii")
-    except OSError as error:
-        raise VerbError(f"cannot write {why_not(error, folder)}") from None
-    total = len(made.frames) + len(made.left_out)
-    print(f"{folder / made.name}.h, {folder / made.name}.c: {len(made.frames)} of {plural(total, 'frame')}")
-    for frame, problem in made.left_out:
-        print(printable(f"{_place(problem)}: frame '{frame}' is left out: {problem.what}"))
-    for frame, name, problem in made.to_give:
-        print(printable(f"{_place(problem)}: '{name}' of frame '{frame}' has no default in C: {problem.what}"))
-    for frame, problem in made.not_built:
-        print(printable(f"{_place(problem)}: frame '{frame}' is read and not built: {problem.what}"))
-    for frame, problem in made.not_measured:
-        print(printable(f"{_place(problem)}: frame '{frame}' is not looked for in streams: {problem.what}"))
-    return 1 if arguments.strict and (made.left_out or made.not_built) else 0
-
-
-def _generate_kaitai(arguments: argparse.Namespace) -> int:
-    """Write a `.ksy` into a directory; report the parts that Kaitai cannot express."""
-    from framekit.codec.kaitai.generate import generate_kaitai
-
-    folder: Path | None = arguments.output
-    if folder is None:
-        raise WordsError("a Kaitai file is written into a directory – add -o DIR")
-    if arguments.param:
-        raise WordsError("--param is for wireshark: a Kaitai file is given parameters when it reads")
-    made = generate_kaitai(load_codec(arguments.protocol).protocol)
-    path = folder / f"{made.name}.ksy"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        path.write_text(made.text, encoding="utf-8")
-    except OSError as error:
-        raise VerbError(f"cannot write {why_not(error, path)}") from None
-    print(f"{path}: {len(made.frames)} of {plural(len(made.types), 'frame')}")
-    for problem in made.left_out:
-        print(printable(told(problem)))
-    return 1 if arguments.strict and len(made.frames) < len(made.types) else 0
 
 
 # ---- check and test -----------------------------------------------------------------------------------------

@@ -19,7 +19,7 @@ from framekit.definition import PATH_VARIABLE, ROOT_VARIABLE
 TOGETHER = {
     "device_verbs": ("read", "write", "call"),
     "file_verbs": ("new", "import", "schema"),
-    "definition_verbs": ("check", "test", "encode", "frames", "generate"),
+    "definition_verbs": ("check", "test", "encode", "frames"),
     "guess_verb": ("guess", "diff"),
     "line_verbs": ("monitor", "replay", "loopback"),
 }

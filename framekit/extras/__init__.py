@@ -1,1 +1,1 @@
-"""Contain the optional parts of framekit: a package for each, with the name of its pip extra if it needs libraries."""
+"""Contain the optional parts of framekit: a folder for each. `framekit.extras_table` has what each brings."""

@@ -11,8 +11,8 @@ import pytest
 from test_two_compilers import Pair, built, read, same_fault
 
 from framekit.codec.codec import compile_protocol
-from framekit.codec.lua.generate import generate_dissector
 from framekit.definition.load.protocol import load_protocol, load_protocol_text
+from framekit.extras.wireshark.generate import generate_dissector
 
 ADDRESSES = """
 protocol: addresses

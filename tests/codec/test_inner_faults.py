@@ -6,7 +6,7 @@ from pathlib import Path
 from random import Random
 
 import pytest
-from c_harness import GCC, CProtocol, differences, mutated
+from extras.generate_c.c_harness import GCC, CProtocol, differences, mutated
 
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.codec.errors import FrameError

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 from framekit.api.check import check_file
-from framekit.api.document import drawn_frames
 from framekit.api.monitor import field_rows
 from framekit.api.rows import field_row
 from framekit.codec.codec import Codec, compile_protocol
@@ -21,12 +20,13 @@ from framekit.codec.functions import candidates, fitting, nearest
 from framekit.codec.plain import PlainValues, with_hint
 from framekit.codec.python.flat import inner_frames
 from framekit.codec.samples import Sampler
-from framekit.definition.diagrams import sequence_states
 from framekit.definition.load.protocol import load_protocol
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.nodes import read_nodes
 from framekit.definition.problems import DefinitionError, Problem
 from framekit.definition.schema import kind_of
+from framekit.extras.documents.diagrams import sequence_states
+from framekit.extras.documents.document import drawn_frames
 from framekit.extras.web.edit_states import states_svg
 from framekit.extras.web.edit_table import tables
 from framekit.link.events import Seen

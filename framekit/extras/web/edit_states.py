@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 
-from framekit.definition.diagrams import Arrow, State
+from framekit.extras.documents.diagrams import Arrow, State
 
 MOST_STATES = 120
 """Largest number of steps that are drawn."""

@@ -8,8 +8,8 @@ from pathlib import Path
 from extras.web.edit_world import LAMP, asked, written
 
 from framekit.api.codec import load
-from framekit.definition.diagrams import Arrow, State, Target, sequence_states
 from framekit.definition.sources import shipped_definitions
+from framekit.extras.documents.diagrams import Arrow, State, Target, sequence_states
 from framekit.extras.web.edit_states import MOST_STATES, states_svg
 
 SVG = "{http://www.w3.org/2000/svg}"

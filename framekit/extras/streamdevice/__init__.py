@@ -1,0 +1,1 @@
+"""Make definitions of protocol files of EPICS StreamDevice (`framekit import FILE.proto`)."""

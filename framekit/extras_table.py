@@ -1,0 +1,89 @@
+"""List the extras: a row for each folder of `framekit/extras`, with the verbs, generators and formats that it brings.
+
+The core imports no extra. It looks here for a name, such as that of a verb, and imports the object when it is used.
+An object is written `MODULE:NAME`, with the module below `framekit.extras`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import import_module
+from typing import Any, NamedTuple
+
+
+class Verb(NamedTuple):
+    """A verb of the command line."""
+
+    about: str
+    module: str
+    """Module with `add_VERB_arguments` and `run_VERB`; of a verb of an extra below `framekit.extras`."""
+    group: str
+    """Group of the verb in the list of `framekit --help`."""
+    uses_cache: bool = True
+    """Whether the verb takes definitions from the user's cache folder if it holds them."""
+
+
+class Generator(NamedTuple):
+    """A kind of text that `framekit generate` writes."""
+
+    about: str
+    target: str
+    """Function that takes the arguments of the verb and returns the exit status."""
+
+
+class Importer(NamedTuple):
+    """A format of files that `framekit import` makes definitions of."""
+
+    about: str
+    encoding: str
+    """Encoding of its files; a file with invalid bytes is refused."""
+    target: str
+    """Function that takes text, name of the file and name of the protocol, and returns an `ImportedDefinition`."""
+
+
+class Extra(NamedTuple):
+    """What an extra brings, by names that users write."""
+
+    verbs: Mapping[str, Verb] = {}
+    generators: Mapping[str, Generator] = {}
+    importers: Mapping[str, Importer] = {}
+    """By the suffix of the files, in lower case."""
+
+
+EXTRAS: dict[str, Extra] = {
+    "generate_c": Extra(
+        generators={"c": Generator("a header and a source in C99, with nothing to link", "generate_c.command:write_c")}
+    ),
+    "wireshark": Extra(generators={"wireshark": Generator("a dissector in Lua", "wireshark.command:write_dissector")}),
+    "kaitai": Extra(
+        generators={"kaitai": Generator("a Kaitai Struct file (.ksy)", "kaitai.command:write_ksy")},
+        importers={".ksy": Importer("a description of Kaitai Struct", "utf-8", "kaitai.importing:import_kaitai")},
+    ),
+    "documents": Extra(
+        generators={
+            "jsonschema": Generator("types of what decode --json prints", "documents.command:write_json_schema"),
+            "typescript": Generator("the same types in TypeScript", "documents.command:write_typescript"),
+            "document": Generator(
+                "the frames drawn, fields, services and sequences, for people", "documents.command:write_document"
+            ),
+            "diagram": Generator("the sequences in Mermaid", "documents.command:write_diagram"),
+        }
+    ),
+    "streamdevice": Extra(
+        importers={
+            ".proto": Importer(
+                "a protocol file of EPICS StreamDevice", "latin-1", "streamdevice.importing:from_streamdevice"
+            )
+        }
+    ),
+}
+"""The extras, by the names of their folders."""
+
+GENERATORS = {name: one for extra in EXTRAS.values() for name, one in extra.generators.items()}
+IMPORTERS = {suffix: one for extra in EXTRAS.values() for suffix, one in extra.importers.items()}
+
+
+def load(target: str) -> Any:
+    """Import the object `MODULE:NAME` of an extra."""
+    module, _, name = target.partition(":")
+    return getattr(import_module(f"framekit.extras.{module}"), name)

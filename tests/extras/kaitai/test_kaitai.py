@@ -1,0 +1,88 @@
+"""Exported Kaitai files, compiled by Kaitai, read what framekit reads: field by field, of every vector."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+from extras.kaitai.kaitai_world import Compared, needs_compiler, reader_of
+from shipped import vectors_of
+from strategies import base_context
+from test_construct_vectors import plain_values
+
+from framekit.codec.codec import compile_protocol
+from framekit.codec.plain import PlainValues
+from framekit.definition.load.protocol import load_protocol
+from framekit.definition.sources import shipped_definitions
+from framekit.extras.kaitai.generate import generate_kaitai
+
+QUICK = ("modbus-rtu", "snp-x")
+VECTORS = [path.name.removesuffix(".vectors.yaml") for path in shipped_definitions("*.vectors.yaml")]
+
+
+def compare_vectors(name: str) -> Compared:
+    """Every published frame of a protocol, read by both."""
+    protocol = load_protocol(name)
+    codec, reader, found = compile_protocol(protocol), reader_of(protocol), Compared()
+    for vector in vectors_of(name).frames:
+        context = base_context(protocol) | plain_values(protocol, vector)
+        if vector.frame is None or vector.expect is not None:
+            continue
+        data = vector.wire.exact
+        if data is None:  # its check code is worked out
+            data = codec.encode(
+                vector.frame, PlainValues(protocol).from_plain(vector.frame, vector.values or {}), context
+            )
+        fields = codec.frames[vector.frame].decode(data, context)
+        reader.compare_frame(vector.frame, data, context, fields, found)
+    return found
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    "name", [*QUICK, *(pytest.param(one, marks=pytest.mark.long) for one in VECTORS if one not in QUICK)]
+)
+def test_vectors_are_read_as_framekit_reads_them(name: str) -> None:
+    found = compare_vectors(name)
+    assert found.differences == []
+    assert found.agreed or found.left_out
+
+
+def test_what_kaitai_does_not_say_is_told_with_its_place() -> None:
+    made = generate_kaitai(load_protocol("scpi"))
+    told = {problem.what for problem in made.left_out}
+    assert any(what.startswith("frame 'line' is left out") for what in told)
+    assert "line" in made.types and "line" not in made.frames
+    assert any("the check code" in one.what for one in generate_kaitai(load_protocol("modbus-rtu")).left_out)
+    for problem in made.left_out:
+        assert f"{problem.at.line}:{problem.at.column}: {problem.what}" in made.text
+
+
+HOSTILE = """
+protocol: odd
+about: "title: [x] # \\u2028 \\e[31m"
+receiver: {gap: 1 s}
+frames:
+  class:
+    doc: "- id: injected\\n  type: u1"
+    body:
+      - {field: _io, type: u8, values: {1: "name: x", 2: "a\\"b", 3: class, 4: CLASS, 5: "*/ x(); /*"}}
+      - {field: Self, type: u16, doc: "'''\\u0085: {"}
+      - {data: e, size: 0, doc: "\\"\\"\\" + 1 / 0 + \\"\\"\\" **//\\n\\\\u002a/ ]##"}
+      - {field: self, type: u16}
+      - {field: t, type: bytes, size: 2, is: "h'22 5C'"}
+"""
+
+
+@needs_compiler
+def test_names_and_texts_of_a_file_stay_names_and_texts(tmp_path: Path) -> None:
+    (tmp_path / "odd.yaml").write_text(HOSTILE.replace("_io", "n_io"), "utf-8")
+    protocol = load_protocol(tmp_path / "odd.yaml")
+    reader = reader_of(protocol)
+    read = reader.read("class", bytes.fromhex("04 0001 0002 225C"), {})
+    assert (read.n_io.name, read.self_, read.self_2, read.t) == ("class_2", 1, 2, b'"\\')
+    file = yaml.safe_load(reader.file.text)
+    assert [*file["types"]] == ["class_", "unexpected"]
+    assert file["enums"]["n_io"][5]["doc"] == "* / x(); / *"
+    assert file["types"]["class_"]["seq"][2]["doc"] == "''' + 1 / 0 + ''' * * / / /u002a/ ] # #"
