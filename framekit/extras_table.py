@@ -42,7 +42,7 @@ class Importer(NamedTuple):
 
 
 class Extra(NamedTuple):
-    """What an extra brings, by names that users write."""
+    """The parts that an extra brings, by the names that users write."""
 
     verbs: Mapping[str, Verb] = {}
     generators: Mapping[str, Generator] = {}

@@ -3,6 +3,10 @@
 import ast
 from pathlib import Path
 
+import pytest
+
+from framekit.extras_table import EXTRAS, GENERATORS, IMPORTERS, load
+
 ROOT = Path(__file__).parents[2] / "framekit"
 
 
@@ -28,7 +32,7 @@ def test_only_functions_import_extras() -> None:
     imports = {path: imported_at_once(ast.parse(path.read_text("utf-8"))) for path in outside}
     assert len(imports) > 300
     assert [
-        str(path) for path, names in imports.items() if any(name.startswith("framekit.extras") for name in names)
+        str(path) for path, names in imports.items() if any(f"{name}.".startswith("framekit.extras.") for name in names)
     ] == []
 
 
@@ -36,3 +40,13 @@ def test_imports_in_classes_and_conditions_count() -> None:
     at_once = "if True:\n    import a\nclass B:\n    from c import d\n"
     text = at_once + "if TYPE_CHECKING:\n    import e\ndef f():\n    import g\n"
     assert sorted(imported_at_once(ast.parse(text))) == ["a", "c", "c.d"]
+
+
+def test_each_folder_of_extras_has_a_row() -> None:
+    folders = {path.name for path in (ROOT / "extras").iterdir() if (path / "__init__.py").exists()}
+    assert folders - {"web"} == EXTRAS.keys()
+
+
+@pytest.mark.parametrize("target", [one.target for one in (*GENERATORS.values(), *IMPORTERS.values())])
+def test_what_an_extra_brings_exists(target: str) -> None:
+    assert callable(load(target))
