@@ -32,8 +32,8 @@ SECTIONS: dict[str, list[str]] = {
     ],
     "Devices and lines": [
         "docs/run-files.md", "docs/run-memory.md", "docs/run-commands.md", "docs/run-stations.md", "docs/run-edits.md",
-        "docs/servers.md", "docs/behave.md", "docs/lines.md", "docs/faults.md", "docs/jobs.md",
-        "docs/diagnosis.md", "docs/unknown.md", "docs/guess.md", "docs/guess-details.md",
+        "docs/servers.md", "docs/behave.md", "docs/lines.md", "docs/modems.md", "docs/faults.md", "docs/jobs.md",
+        "docs/diagnosis.md", "docs/captures.md", "docs/unknown.md", "docs/guess.md", "docs/guess-details.md",
         "docs/web.md", "docs/exposing.md", "docs/systems.md",
     ],
     "Values": ["docs/points.md", "docs/sinks.md", "docs/sinks-servers.md", "docs/mqtt.md", "docs/fleets.md"],

@@ -24,7 +24,7 @@ MS = 1_000_000
 REQUEST = bytes.fromhex("01 03 00 00 00 01 84 0A")
 REPLY = bytes.fromhex("01 03 02 12 34 B5 33")
 
-[EXAMPLE] = [snippet.text for snippet in snippets(DOCS / "lines.md") if snippet.file == "pump-house.run.yaml"]
+[EXAMPLE] = [snippet.text for snippet in snippets(DOCS / "modems.md") if snippet.file == "pump-house.run.yaml"]
 
 
 class Pump:
