@@ -45,7 +45,7 @@ from framekit.runfile.run_file import load_run, only_reading
 from framekit.service.capture import Capture
 from framekit.service.channel import ChannelService
 from framekit.service.run import RunService
-from framekit.service.run import run_status as run_status
+from framekit.service.run_status import run_status as run_status
 from framekit.service.state import StateError
 from framekit.transport.clock import AsyncioClock, Clock, VirtualClock
 

@@ -6,14 +6,13 @@ All work is done in callbacks of the clock and of ports. This module prints no o
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Collection, Hashable, Iterable, Mapping
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.times import LineSettings
 from framekit.link.addresses import Address
 from framekit.link.events import Tape
 from framekit.link.slow import SlowStation, key_of
@@ -21,11 +20,9 @@ from framekit.memory.clock_bits import SystemBits
 from framekit.run.block_state import BlockState, BlockStatus, Failure
 from framekit.run.block_words import BlockMemory, SettingError, status_of
 from framekit.run.edit import Edit, Removed, added_blocks, plan_edit
-from framekit.run.job_table import JobTable
 from framekit.run.model import POINTS_SET, Block, Channel, Point, RunModel
 from framekit.run.own_memory import AddressedMemory, addresses_of
 from framekit.run.scheduler import Scheduler
-from framekit.run.status import USER_DEFINED, ChannelStatus, JobsStatus, RunStatus, StationStatus
 from framekit.run.triggers import awaited_bits
 from framekit.run.trouble import Troubles, TroubleSource
 from framekit.runfile.devices import put_values
@@ -44,12 +41,12 @@ from framekit.service.device import DeviceService
 from framekit.service.jobs import JobService, ResolveHost, resolver_for
 from framekit.service.points import PointService
 from framekit.service.run_loop import RunLoop
+from framekit.service.run_status import run_status
 from framekit.service.sinks import SinkHost, SinkService
 from framekit.service.standstill import Standstill
 from framekit.service.state import StateFile, StateKeeper
 from framekit.service.value_troubles import OF_BLOCKS, PORT, Item, ValueTroubles
 from framekit.transport.clock import Clock, date_at
-from framekit.transport.schemes import without_files
 
 log = logging.getLogger(__name__)
 
@@ -121,6 +118,11 @@ class _Prepared:
     edit: Edit
     applied: Applied
     channels: dict[int, Made] = field(default_factory=dict)
+
+
+def reports_port(channel: Channel) -> bool:
+    """Return whether a port that is not open is trouble: not if the other side opens the connection."""
+    return channel.asks or not (channel.listens or channel.wiring.modem is not None)
 
 
 OnChannel = Callable[[int, ChannelService], None]
@@ -708,95 +710,3 @@ class RunEditor:
         for state in added:
             scheduler.arm(state, now)
         service.forget_values(edit.blocks.changed)
-
-
-# ---- how it is doing ------------------------------------------------------------------------------------------
-
-
-def run_status(service: RunService) -> RunStatus:
-    """Return the state of a run and its channels and blocks."""
-    now = service.clock.now()
-    return RunStatus(
-        run=service.run.name,
-        at=now,
-        running=service.running,
-        channels=tuple(_channel_status(service, channel, now) for channel in service.channels.values()),
-        blocks=tuple(service.status()),
-        jobs=None if service.jobs is None else _jobs_status(service.jobs.table),
-        removed=tuple(replace(one, reasons=one.reasons.copy()) for one in service.removed),
-        sinks=tuple(service.sinks.status),
-        troubles=service.troubles.present(),
-        stations=tuple(_stations(service)),
-    )
-
-
-def _stations(service: RunService) -> Iterator[StationStatus]:
-    """Yield the stations of blocks, by their present settings, in the order of the blocks."""
-    found: dict[tuple[int, Hashable], list[BlockState]] = {}
-    for state in service.states.values():
-        station = service.exchanges.station_of(state)
-        if station is not None:
-            found.setdefault((state.block.channel, station), []).append(state)
-    for (channel, station), states in found.items():
-        yield StationStatus(
-            channel=channel,
-            station=station,
-            blocks=len(states),
-            done=sum(state.done for state in states),
-            failed=sum(state.failed for state in states),
-            dead=any(state.dead for state in states),
-        )
-
-
-def _jobs_status(table: JobTable) -> JobsStatus:
-    counters = replace(table.counters, kinds=dict(table.counters.kinds))
-    return JobsStatus(slots=tuple(table.status()), log=tuple(table.log), events=table.log.total, counters=counters)
-
-
-def _channel_status(service: RunService, at_work: ChannelService, now: int) -> ChannelStatus:
-    channel, counters, load = at_work.channel, at_work.engine.counters, at_work.driver.load
-    states = [state for state in service.states.values() if state.block.channel == channel.number]
-    removed = service.removed.of(channel.number)
-    reasons = removed.reasons.copy()
-    for state in states:
-        reasons.update(state.reasons)
-    protocol = channel.protocol
-    beside = at_work.counters.reasons(protocol)
-    reasons.update(beside)
-    return ChannelStatus(
-        number=channel.number,
-        port=without_files(channel.port),
-        driver=USER_DEFINED if protocol.frames_alone else protocol.name,
-        role=channel.role,
-        station=channel.own,
-        line="" if channel.line is None else str(channel.line),
-        line_type=line_type(channel.wiring),
-        mode="run" if service.running else "stop",
-        state=at_work.state,
-        blocks=len(states),
-        services=removed.done + sum(state.done for state in states) + at_work.counters.services,
-        errors=removed.failed + sum(state.failed for state in states) + beside.total(),
-        reasons=dict(reasons),
-        frames_in=counters.received,
-        bad=counters.bad,
-        noise_bytes=counters.noise_bytes,
-        late=counters.late,
-        repeated=counters.repeated,
-        slow=tuple(map(str, at_work.engine.late.slow.present)),
-        bytes_in=load.bytes_in,
-        bytes_out=load.bytes_out,
-        load=load.share(now),
-        reopenings=at_work.driver.reopenings,
-        step=at_work.engine.late.state_at(now),
-    )
-
-
-def reports_port(channel: Channel) -> bool:
-    """Return whether a port that is not open is trouble: not if the other side opens the connection."""
-    return channel.asks or not (channel.listens or channel.wiring.modem is not None)
-
-
-def line_type(wiring: LineSettings) -> str:
-    """Return the description of the wiring; '' for a plain port."""
-    kind = {"rs232": "RS-232", "rs422": "RS-422", "rs485": "RS-485"}.get(wiring.type or "", "")
-    return f"{kind} half duplex".lstrip() if wiring.half_duplex else kind

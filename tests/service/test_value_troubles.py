@@ -14,7 +14,8 @@ from framekit.run.model import RunModel
 from framekit.run.trouble import TroubleReport
 from framekit.runfile.run_file import load_run
 from framekit.service import value_troubles
-from framekit.service.run import RunService, run_status
+from framekit.service.run import RunService
+from framekit.service.run_status import run_status
 from framekit.service.value_troubles import FIRST_PAUSE, MOST_NAMED, failure_text
 from framekit.sinks.prometheus import _of_troubles
 from framekit.transport.clock import VirtualClock
