@@ -16,11 +16,11 @@ import signal
 import sys
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING, Any, Protocol, TextIO
 
+from framekit.api.write_queue import WriteQueue
 from framekit.cli.common import (
     OUTPUT,
     OUTPUT_HELP,
@@ -43,9 +43,6 @@ line with more characters is queued in parts.
 """
 AT_ONCE = 1 << 16
 """Largest number of bytes of one write."""
-LONGEST_STALL = 10.0
-LONGEST_END = 60.0
-"""Seconds for which a verb that a signal has stopped waits for its reader: without progress, and in all."""
 RETRY = 1.0
 """Seconds between two attempts to write to a stream that fails, such as a file on a full disk."""
 
@@ -93,18 +90,17 @@ class QueuedStream:
         self._loss_line, self._on_gone = loss_line, on_gone
         self._encoded, self._write = _functions_of(stream)
         self._encoding: str = getattr(unguarded(stream), "encoding", None) or "utf-8"
-        self._change = threading.Condition()
-        self._queue: deque[bytes] = deque()
+        self._queue = WriteQueue(self._write_lines, None, f"writes {name}")
         self._begun: dict[int, io.StringIO] = {}
         """The begin of an unfinished line, by the thread that writes it."""
-        self._waiting = self._waiting_lines = 0
-        """Bytes and lines that are not written yet."""
+        self._waiting_lines = 0
+        """Lines that are not written yet."""
         self._lost = self._dropped = 0
         """Lines lost since the start, and since the queue became full."""
         self._is_full = False
+        """Whether lines are dropped: from a full queue on, until half of it is written."""
         self._source: TroubleSource | None = None
         """The trouble while lines may be dropped."""
-        self._has_thread = self._ending = self._closed = False
         self._drawn = 0
         """Lines of the drawing that ends the output."""
 
@@ -114,8 +110,8 @@ class QueuedStream:
         """Queue the whole lines of a text, and keep the begin of an unfinished line; return the length of the text."""
         thread = threading.get_ident()
         lines, first_dropped = "", None
-        with self._change:
-            if not (is_over := self._closed):
+        with self._queue.change:
+            if not (is_over := self._queue.is_closed):
                 lines, newline, rest = text.rpartition("\n")
                 lines += newline
                 if lines and (begun := self._begun.pop(thread, None)) is not None:
@@ -131,7 +127,7 @@ class QueuedStream:
             self.stream.write(text)
         elif first_dropped is not None:
             self._is_unread(first_dropped)
-            with self._change:
+            with self._queue.change:
                 self._lost += lines.count("\n")  # the trouble has begun before its first loss
         return len(text)
 
@@ -142,7 +138,7 @@ class QueuedStream:
 
     def flush(self) -> None:
         """Flush the stream after the end; before it every line is written as soon as possible."""
-        if self._closed:
+        if self._queue.is_closed:
             self.stream.flush()
 
     def __getattr__(self, name: str) -> Any:
@@ -153,23 +149,23 @@ class QueuedStream:
 
         Printed lines erase the drawing. While lines wait to be written, nothing is drawn.
         """
-        with self._change:
-            if not (self._waiting or self._closed or self.gone or self._is_full):
+        with self._queue.change:
+            if not (self._queue.waiting or self._queue.is_closed or self.gone or self._is_full):
                 text = "".join(f"{line}\r\n" for line in lines)
                 self._put(f"{NO_WRAP}{text}{WRAP}".encode(self._encoding, "backslashreplace"))
                 self._drawn = len(lines)
 
     def _take(self, lines: str) -> TroubleSource | None:
         """Queue or drop lines; return the trouble if they are the first to be dropped."""
-        number, source = lines.count("\n"), self._source
+        number = lines.count("\n")
         if self.gone:
             return None
         if self._is_full:
             self._lost += number
             self._dropped += number
-        elif source is not None and self._waiting >= MOST_WAITING:
+        elif self._queue.is_full:
             self._is_full, self._dropped = True, number
-            return source
+            return self._source
         else:
             self._put(self._encoded(lines))
         return None
@@ -178,14 +174,10 @@ class QueuedStream:
         if self._drawn:
             data = ERASE.format(self._drawn).encode() + data
             self._drawn = 0
-        self._queue.append(data)
-        self._waiting += len(data)
-        self._waiting_lines += data.count(b"\n")
-        if not self._has_thread:
-            self._has_thread = True
+        if not self._queue.has_begun:
             self.stream.flush()
-            threading.Thread(target=self._run, name=f"writes {self.name}", daemon=True).start()
-        self._change.notify_all()
+        if self._queue.add(data):
+            self._waiting_lines += data.count(b"\n")
 
     # ---- trouble ------------------------------------------------------------------------------------------
 
@@ -198,15 +190,15 @@ class QueuedStream:
         source = make(
             self.name, self._effect, lambda: Count(waiting=self._waiting_lines, lost=self._lost - before), "line"
         )
-        with self._change:
-            self._source = source
+        with self._queue.change:
+            self._source, self._queue.most = source, MOST_WAITING
         try:
             if reason := GONE if self.gone else self.error:
                 source.begins(reason)
             yield
         finally:
-            with self._change:
-                self._source = None
+            with self._queue.change:
+                self._source = self._queue.most = None
                 self._end_loss()
 
     def _effect(self) -> str:
@@ -229,58 +221,35 @@ class QueuedStream:
 
     # ---- the writer thread --------------------------------------------------------------------------------
 
-    def _run(self) -> None:
-        try:
-            while data := self._next():
-                try:
-                    self._write_all(memoryview(data))
-                except BrokenPipeError:
-                    self._has_gone()
-                except ValueError:
-                    if not self.stream.closed:
-                        raise
-                    self._has_gone()
-        finally:
-            with self._change:  # also after an error: `close` waits for it
-                self._closed = True
-                self._change.notify_all()
-
-    def _next(self) -> bytes:
-        """Wait for lines and return them. At the end return none: from then on texts go to the stream itself."""
-        with self._change:
-            self._change.wait_for(lambda: self._queue or self._ending)
-            if not self._queue:
-                self._closed = True
-                self._change.notify_all()
-                return b""
-            data = self._queue.popleft()
-            while self._queue and len(data) + len(self._queue[0]) <= AT_ONCE:
-                data += self._queue.popleft()
-            return data
-
-    def _write_all(self, data: memoryview) -> None:
-        """Write bytes, after failures again and again; give up if it fails at the end. Raise BrokenPipeError."""
+    def _write_lines(self, lines: bytes, number: int) -> None:
+        """Write lines, after failures again and again; give up if it fails at the end."""
+        data = memoryview(lines)
         while data:
             try:
-                number = self._write(data[:AT_ONCE])
+                size = self._write(data[:AT_ONCE])
             except BrokenPipeError:
-                raise
+                self._has_gone()
+                return
+            except ValueError:
+                if not self.stream.closed:
+                    raise
+                self._has_gone()
+                return
             except OSError as error:
                 if not self._has_failed(error.strerror or str(error)):
                     return
             else:
-                self._has_written(data[:number])
-                data = data[number:]
+                self._has_written(data[:size])
+                data = data[size:]
 
     def _has_written(self, data: memoryview) -> None:
         """Count written bytes, and end the trouble if the queue has room again."""
-        with self._change:
+        with self._queue.change:
             if not self.unwritten:
                 self.error = ""
-            self._waiting -= len(data)
-            self._change.notify_all()
+            self._queue.has_written(len(data))
             self._waiting_lines -= bytes(data).count(b"\n")
-            if self._is_full and self._waiting <= MOST_WAITING // 2:
+            if self._is_full and self._queue.waiting <= MOST_WAITING // 2:
                 self._end_loss()
             source = None if self._is_full else self._source
         if source is not None and source.reason:
@@ -288,23 +257,22 @@ class QueuedStream:
 
     def _has_failed(self, reason: str) -> bool:
         """Report a failed write, and pause; at the end drop everything and return False."""
-        with self._change:
+        with self._queue.change:
             self.error = reason
             source = self._source
-            if self._ending:
+            if self._queue.is_ending:
                 self._lost += self._waiting_lines
                 self.unwritten += max(1, self._waiting_lines)  # an unfinished line counts
                 self._forget()
                 return False
         if source is not None:
             source.begins(reason)
-        with self._change:
-            self._change.wait_for(lambda: self._ending, RETRY)
+        self._queue.pause(RETRY)
         return True
 
     def _has_gone(self) -> None:
         """Discard everything, and report that the reader has gone."""
-        with self._change:
+        with self._queue.change:
             self.gone, self._is_full, source = True, False, self._source
             self._forget()
         if self._on_gone is not None:
@@ -314,40 +282,23 @@ class QueuedStream:
 
     def _forget(self) -> None:
         """Discard everything that waits."""
-        self._waiting = self._waiting_lines = 0
-        self._queue.clear()
+        self._waiting_lines = 0
+        self._queue.discard()
 
     def close(self, is_stopped: Callable[[], bool] = lambda: False) -> None:
         """Wait until all lines are written, or cannot be written; later texts go to the stream itself.
 
         If `is_stopped`, give up when the reader does not read; the waiting lines count as unwritten.
         """
-        with self._change:
+        with self._queue.change:
             if not self.gone:
                 for begun in self._begun.values():
                     self._put(self._encoded(begun.getvalue()))
             self._begun.clear()
-            self._ending = True
-            self._change.notify_all()
-            try:
-                if not self._waits_for_end(is_stopped):
-                    self.is_stuck, self.error = True, UNREAD
-                    self.unwritten += max(1, self._waiting_lines)
-                    self._forget()
-            finally:  # also after Ctrl-C
-                self._closed = True
-
-    def _waits_for_end(self, is_stopped: Callable[[], bool]) -> bool:
-        """Wait for the writer thread; return False if a stopped verb has waited too long."""
-        while not is_stopped():
-            if self._change.wait_for(lambda: self._closed or not self._has_thread, timeout=RETRY):
-                return True
-        end = time.monotonic() + LONGEST_END
-        while not (self._closed or not self._has_thread):
-            before, limit = self._waiting, min(LONGEST_STALL, end - time.monotonic())
-            if not self._change.wait_for(lambda: self._closed or self._waiting != before, timeout=limit):  # noqa: B023
-                return False
-        return True
+            if not self._queue.close(is_stopped):
+                self.is_stuck, self.error = True, UNREAD
+                self.unwritten += max(1, self._waiting_lines)
+                self._waiting_lines = 0
 
 
 def _functions_of(stream: TextIO) -> tuple[Callable[[str], bytes], Callable[[memoryview], int]]:

@@ -25,7 +25,7 @@ from framekit.definition.times import LineFormat
 from framekit.link.events import CharacterFault, LineFault, Seen
 from framekit.link.listener import Listener
 from framekit.run.trouble import Count, Troubles
-from framekit.service.behind import Behind
+from framekit.service.write_queue import WriteQueue
 from framekit.sinks.opened_file import OpenedFile
 from framekit.transport.clock import AsyncioClock, Clock
 from framekit.transport.port import LineEvent, Port, TappedPort, Way
@@ -397,15 +397,15 @@ class _LaterSink:
         """Create the file, and begin to write it in a thread. Raise OSError."""
         self.path = path
         self._sink = _Sink(path, head, troubles)
-        self._behind = Behind(self._sink.write_records, MOST_WAITING, f"writes {path}", self._sink.has_failed)
+        self._queue = WriteQueue(self._sink.write_records, MOST_WAITING, f"writes {path}", self._sink.has_failed)
 
     def write(self, record: bytes, *, wait: bool = False) -> bool:
-        if self._behind.failed:
+        if self._queue.is_closed:
             return self._sink.write(record)  # which counts it as lost
-        return self._behind.write(record, wait=wait)
+        return self._queue.add(record, wait=wait)
 
     def close(self) -> None:
-        self._behind.close()
+        self._queue.close()
         self._sink.close()
 
 

@@ -231,7 +231,7 @@ def test_a_reader_that_has_gone_is_reported_and_the_work_goes_on(pipes: Callable
 def test_a_stopped_verb_does_not_wait_for_its_reader_without_an_end(
     pipes: Callable[[], tuple[Pipe, Pipe]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("framekit.cli.live_output.LONGEST_STALL", 0.1)
+    monkeypatch.setattr("framekit.service.write_queue.LONGEST_STALL", 0.1)
     output, _ = pipes()
     with pytest.raises(VerbError) as failed, live_output(False) as live:
         for number in range(2000):
@@ -249,7 +249,7 @@ def test_a_stopped_verb_ends_if_its_only_reader_does_not_read(
     pipes: Callable[[], tuple[Pipe, Pipe]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With `2>&1` the message cannot be written either."""
-    monkeypatch.setattr("framekit.cli.live_output.LONGEST_STALL", 0.1)
+    monkeypatch.setattr("framekit.service.write_queue.LONGEST_STALL", 0.1)
     pipes()
     monkeypatch.setattr(sys, "stderr", sys.stdout)
     with pytest.raises(SystemExit) as ended, live_output(False) as live:
@@ -384,10 +384,10 @@ def test_a_line_that_is_written_while_the_stream_closes_is_kept(pipes: Callable[
     output, _ = pipes()
     stream = QueuedStream(output.stream, "output", lambda number, reason: "", None)
     change = FirstLockAtTheEnd("writes output")
-    stream._change = change
+    stream._queue.change = change
     stream.write("one\n")
     assert output.line() == "one"
-    change.is_empty = lambda: stream._ending and not stream._queue
+    change.is_empty = lambda: stream._queue.is_ending and not stream._queue._records
     change.write = lambda: stream.write("two\n")
     reader = Reader(output)
     stream.close()

@@ -152,8 +152,8 @@ def test_a_drawing_is_replaced_and_makes_room_for_lines() -> None:
         lambda: stream.write("hostile \x1b[2J\n"),
         lambda: stream.draw(["c"]),
     ):
-        with stream._change:
-            assert stream._change.wait_for(lambda: not stream._waiting, 60)
+        with stream._queue.change:
+            assert stream._queue.change.wait_for(lambda: not stream._queue.waiting, 60)
         step()
     stream.close()
     on, off = "\x1b[?7l", "\x1b[?7h"

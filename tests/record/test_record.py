@@ -21,8 +21,8 @@ from framekit.definition.load.protocol import load_protocol
 from framekit.definition.times import LineFormat
 from framekit.link.events import CharacterFault, LineFault
 from framekit.service import capture as captures
-from framekit.service.behind import Behind
 from framekit.service.capture import Capture, CaptureDecoder, CaptureReader, PcapReader
+from framekit.service.write_queue import WriteQueue
 from framekit.transport.clock import VirtualClock
 from framekit.transport.port import LineEvent, Port, PortEvents
 from framekit.transport.pty_port import PtyPair
@@ -106,9 +106,9 @@ def events_of(path: Path) -> list[LineEvent]:
     return found
 
 
-def until_written(behind: Behind) -> None:
-    with behind._change:
-        assert behind._change.wait_for(lambda: not behind._waiting, timeout=60)
+def until_written(queue: WriteQueue) -> None:
+    with queue.change:
+        assert queue.change.wait_for(lambda: not queue.waiting, timeout=60)
 
 
 # ---- the file -------------------------------------------------------------------------------------------------
@@ -198,7 +198,7 @@ def test_what_waits_to_be_passed_on_is_bounded() -> None:
 def test_what_a_killed_recorder_has_heard_is_there(tmp_path: Path) -> None:
     bench = Bench(path := tmp_path / "x.pcap")
     bench.wires[0].hear(ASK)
-    until_written(bench.recorder._capture._sinks[1]._behind)  # type: ignore[union-attr]
+    until_written(bench.recorder._capture._sinks[1]._queue)  # type: ignore[union-attr]
     with path.open("rb") as file:
         assert [event.kind for _, event in PcapReader(file).events()] == ["open", "data"]
     bench.recorder.stop()
@@ -227,7 +227,7 @@ def test_a_slow_disk_holds_up_nothing_and_the_file_says_what_is_missing(
     assert len(bench.shown) == 51, "all has been heard while the disk stood still"
     go_on.set()
     for data in sent[50:]:
-        until_written(bench.recorder._capture._sinks[1]._behind)  # type: ignore[union-attr]
+        until_written(bench.recorder._capture._sinks[1]._queue)  # type: ignore[union-attr]
         bench.clock.run_for(100 * MS)
         bench.wires[0].hear(data)
     bench.recorder.stop()
@@ -246,7 +246,7 @@ def test_a_slow_disk_holds_up_nothing_and_the_file_says_what_is_missing(
 
 def test_missing_bytes_at_the_very_end_are_told_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(captures, "MOST_WAITING", 0)
-    monkeypatch.setattr(Behind, "write", _only_when_waiting(Behind.write))
+    monkeypatch.setattr(WriteQueue, "add", _only_when_waiting(WriteQueue.add))
     bench = Bench(path := tmp_path / "x.jsonl")
     bench.wires[0].hear(ASK)
     bench.recorder.stop()
@@ -255,10 +255,10 @@ def test_missing_bytes_at_the_very_end_are_told_too(tmp_path: Path, monkeypatch:
     assert bench.recorder.problems == ["8 bytes are not in the file: it could not be written as fast as they came"]
 
 
-def _only_when_waiting(write: Callable[..., bool]) -> Callable[..., bool]:
-    def refusing(behind: Behind, record: bytes, *, wait: bool = False) -> bool:
-        behind._most = 1 << 20 if wait else 0
-        return write(behind, record, wait=wait)
+def _only_when_waiting(add: Callable[..., bool]) -> Callable[..., bool]:
+    def refusing(queue: WriteQueue, record: bytes, *, wait: bool = False) -> bool:
+        queue.most = 1 << 20 if wait else 0
+        return add(queue, record, wait=wait)
 
     return refusing
 
@@ -269,9 +269,9 @@ def test_a_full_disk_is_told(tmp_path: Path, number: int) -> None:
     full = tmp_path / "x.pcap"
     bench = Bench(full)
     sink = next(iter(bench.recorder._capture._sinks.values()))  # type: ignore[union-attr]
-    behind = sink._behind  # type: ignore[union-attr]
-    with behind._change:
-        assert behind._change.wait_for(lambda: not behind._waiting, 60)
+    queue = sink._queue  # type: ignore[union-attr]
+    with queue.change:
+        assert queue.change.wait_for(lambda: not queue.waiting, 60)
         os.dup2(descriptor := os.open("/dev/full", os.O_WRONLY), sink._sink._file.fileno())  # type: ignore[union-attr]
         os.close(descriptor)
         for _ in range(number):
@@ -297,7 +297,7 @@ def test_an_error_of_the_thread_that_writes_is_a_trouble_of_the_capture(
     later = next(iter(bench.recorder._capture._sinks.values()))  # type: ignore[union-attr]
     later._sink._file.write = None  # type: ignore[union-attr]
     bench.wires[0].hear(ASK)
-    later._behind._thread.join(60)  # type: ignore[union-attr]
+    later._queue.thread.join(60)  # type: ignore[union-attr]
     bench.wires[0].hear(ASK)
     bench.recorder.stop()
     assert reports == [f"capture {path}: TypeError: 'NoneType' object is not callable – the capture ends here"]
@@ -315,15 +315,15 @@ def test_what_waits_for_a_slow_writer_is_bounded() -> None:
         written.extend(data)
         numbers.append(number)
 
-    behind = Behind(write, 100, "test", lambda error, number: None)
-    taken = [behind.write(bytes([number]) * 10) for number in range(40)]
+    queue = WriteQueue(write, 100, "test")
+    taken = [queue.add(bytes([number]) * 10) for number in range(40)]
     assert 10 <= taken.count(True) <= 20 and taken == sorted(taken, reverse=True)
     go_on.set()
-    assert behind.write(b"end", wait=True)
-    behind.close()
+    assert queue.add(b"end", wait=True)
+    queue.close()
     assert bytes(written) == b"".join(bytes([number]) * 10 for number in range(taken.count(True))) + b"end"
     assert sum(numbers) == taken.count(True) + 1
-    assert not behind.write(b"more")
+    assert not queue.add(b"more")
 
 
 # ---- what is shown --------------------------------------------------------------------------------------------
