@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from framekit.api.errors import RequestError
-from framekit.definition.problems import library_missing
+from framekit.definition.problems import error_text, library_missing
 from framekit.runfile.fleet import GROUP as GROUP
 from framekit.runfile.fleet import name_of as name_of
 from framekit.sinks.broker import KEEPALIVE, LONGEST_CONNECT, BrokerAccess
@@ -181,7 +181,7 @@ class Fleet:
         try:
             client.connect(*self.access.at, KEEPALIVE)
         except (OSError, ValueError) as error:
-            raise RequestError(f"the broker {self.access} cannot be reached: {error}") from None
+            raise RequestError(f"the broker {self.access} cannot be reached: {error_text(error)}") from None
         client.loop_start()
         with self._state:
             self._state.wait_for(lambda: self._echoed or self._reason, 2 * LONGEST_CONNECT)
@@ -303,7 +303,7 @@ def file_of(path: Path) -> bytes:
         with path.open("rb") as stream:
             content = stream.read(LARGEST_FILE + 1)
     except OSError as error:
-        raise RequestError(f"{path}: {error.strerror}") from None
+        raise RequestError(f"{path}: {error_text(error)}") from None
     try:
         _text_of(content)
     except RequestError as error:

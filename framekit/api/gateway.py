@@ -41,7 +41,7 @@ from framekit.api.replaced_file import ReplacedFile, digest_of
 from framekit.api.rolled_file import MOST_REPORTED, check_apart, files_of_before, more_than, refusal
 from framekit.api.run import RunCalls, content_of
 from framekit.definition.fingerprint import fingerprint
-from framekit.definition.problems import DefinitionError, library_missing
+from framekit.definition.problems import DefinitionError, error_text, library_missing
 from framekit.run.edit import Edit
 from framekit.run.model import RunModel
 from framekit.runfile.fleet import FleetSection
@@ -304,7 +304,7 @@ class Gateway:
         try:
             self._file.put(content)
         except OSError as error:
-            raise ValueError(f"the file cannot be replaced: {error.strerror or error}") from None
+            raise ValueError(f"the file cannot be replaced: {error_text(error)}") from None
         self._before = self._model, self._content
         self._model, self._content = model, content
 
@@ -326,7 +326,7 @@ class Gateway:
         try:
             self._file.put_back()
         except OSError as error:
-            return [f"the file of before cannot be put back: {error.strerror or error}"]
+            return [f"the file of before cannot be put back: {error_text(error)}"]
         return []
 
     def _take_back(self, why: list[str]) -> None:

@@ -19,7 +19,7 @@ from framekit.api.errors import RequestError
 from framekit.codec.codec import compile_protocol
 from framekit.definition.load.protocol import load_protocol
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.problems import library_missing, plural
+from framekit.definition.problems import error_text, library_missing, plural
 from framekit.guess.guess import guess as guess
 from framekit.guess.model import Direction
 from framekit.guess.model import Evidence as Evidence
@@ -64,7 +64,7 @@ def heard(path: Path) -> list[HeardBytes]:
         with path.open("rb") as file:
             head = file.read(LARGEST + 1)
     except OSError as error:
-        raise HeardError(f"{path}: {error.strerror or error}") from None
+        raise HeardError(f"{path}: {error_text(error)}") from None
     if len(head) > LARGEST:
         raise HeardError(f"{path} has more than {LARGEST >> 20} MiB – cut a part out")
     if head[:1] == b"{" or head[:4] in _PCAPS:

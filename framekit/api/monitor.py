@@ -16,7 +16,7 @@ from framekit.codec.codec import Codec, compile_protocol
 from framekit.codec.contents import contents_of
 from framekit.codec.plain import PlainValues
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.problems import plural
+from framekit.definition.problems import error_text, plural
 from framekit.definition.times import LineFormat
 from framekit.link.events import CharacterFault, Command, Monitor, Seen
 from framekit.link.listener import Listener
@@ -652,7 +652,7 @@ async def _port_at(url: str, line: LineFormat, clock: AsyncioClock, waiting: Cal
     try:
         await listener.start()
     except OSError as error:
-        raise LineClosedError(f"{url}: {error.strerror or error}", "closed") from None
+        raise LineClosedError(f"{url}: {error_text(error)}", "closed") from None
     waiting(listener.reached.partition("://")[2])
     try:
         return await first

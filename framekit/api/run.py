@@ -16,7 +16,7 @@ from framekit.api.monitor import FrameLog, LineOf, LiveView
 from framekit.api.points import RunPoints
 from framekit.api.rows import point_rows
 from framekit.codec.shown import explain
-from framekit.definition.problems import DefinitionError, Problem, parted
+from framekit.definition.problems import DefinitionError, Problem, error_text, parted
 from framekit.definition.times import parse_time
 from framekit.link.events import FrameRecord as FrameRecord
 from framekit.link.events import Record as Record
@@ -115,7 +115,7 @@ class FileWatch:
 
     `changed` gets the run; its DefinitionError or ValueError, and problems of the file, are passed to `refused`. Each
     content is tried once, and is then `tried`; `known` is the content that the run began with. `missing` gets the
-    reason when the file cannot be read any more, and '' when it can be read again.
+    reason, once, when the file cannot be read any more, and '' when it can be read again.
     """
 
     def __init__(
@@ -149,16 +149,21 @@ class FileWatch:
                 asked = False
             content = await asyncio.to_thread(content_of, self.path)
             settled, self._seen = content == self._seen, content
-            if settled and (content is None) != self._is_missing:
+            if (settled or asked) and (content is None) != self._is_missing:
                 self._is_missing = content is None
                 self.missing(await asyncio.to_thread(why_unreadable, self.path) if content is None else "")
-            if asked or (settled and content is not None and content != self.tried):
+            if content is not None and (asked or (settled and content != self.tried)):
                 self.tried = content
-                await self._load()
+                await self._load(content)
 
-    async def _load(self) -> None:
+    async def _load(self, content: bytes) -> None:
+        """Load this content, whatever the file has meanwhile; a text that cannot be decoded is left to the loader."""
         try:
-            self.changed(await asyncio.to_thread(load_run, self.path))
+            try:
+                text = content.decode("utf-8")
+            except UnicodeDecodeError:
+                text = None
+            self.changed(await asyncio.to_thread(load_run, self.path, text))
         except ValueError as error:
             self.refused(error)
 
@@ -176,7 +181,7 @@ def why_unreadable(path: Path) -> str:
     try:
         path.read_bytes()
     except OSError as error:
-        return error.strerror or str(error)
+        return error_text(error)
     return ""
 
 

@@ -18,6 +18,7 @@ from framekit.api.monitor import FrameLog, LineOf, LiveView
 from framekit.api.points import RunPoints
 from framekit.api.run import nanoseconds
 from framekit.api.settings import checked_station
+from framekit.definition.problems import error_text
 from framekit.definition.times import LineFormat
 from framekit.link.events import Seen
 from framekit.run.model import DEFAULT_LIMITS, ConnectionLimits, Network, in_both, network_of
@@ -99,7 +100,7 @@ class AsyncServer:
         except BaseException as error:
             self.close_now()
             if isinstance(error, OSError):
-                text = f"{self.port}: {error.strerror}" if error.strerror else str(error)
+                text = f"{self.port}: {error.strerror}" if error.strerror else error_text(error)
                 raise LineClosedError(text, "closed", str(error)) from None
             if isinstance(error, ValueError):
                 raise RequestError(str(error)) from None

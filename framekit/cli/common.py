@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TextIO, TypeVar
 
 from framekit.cli.terminal import discard_unwritten, unguarded
+from framekit.definition.problems import error_text
 
 if TYPE_CHECKING:
     import asyncio
@@ -152,7 +153,7 @@ def near(file: str) -> str:
 
 def why_not(error: OSError, file: Path | None = None) -> str:
     """Return the reason of a system error with its file: `file`, if the error does not name a file."""
-    text, about = error.strerror or str(error), error.filename if error.filename is not None else file
+    text, about = error_text(error), error.filename if error.filename is not None else file
     return f"{near(str(about))}: {text}" if about is not None else text
 
 

@@ -28,6 +28,7 @@ from framekit.cli.common import (
     tell_error,
     time_of,
 )
+from framekit.definition.problems import error_text
 from framekit.transport.schemes import help_on_ports, scheme_name
 
 if TYPE_CHECKING:
@@ -339,7 +340,7 @@ def _with_files(protocol: Protocol, service: str, given: dict[str, Any]) -> dict
             try:
                 found[name] = path.read_bytes()
             except OSError as error:
-                raise WordsError(f"{path} cannot be read: {error.strerror}") from None
+                raise WordsError(f"{path} cannot be read: {error_text(error)}") from None
     return found
 
 
@@ -362,7 +363,7 @@ def _save(path: Path, data: bytes) -> None:
         with path.open("xb") as file:
             file.write(data)
     except OSError as error:
-        raise WordsError(f"--save: {path} cannot be written: {error.strerror}") from None
+        raise WordsError(f"--save: {path} cannot be written: {error_text(error)}") from None
 
 
 def run_call(arguments: argparse.Namespace) -> int:

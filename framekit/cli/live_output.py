@@ -32,7 +32,7 @@ from framekit.cli.common import (
     until_stopped,
 )
 from framekit.cli.terminal import GuardedTerminal, harmless, unguarded
-from framekit.definition.problems import plural
+from framekit.definition.problems import error_text, plural
 
 if TYPE_CHECKING:
     from framekit.api.trouble import Count, Troubles, TroubleSource
@@ -236,7 +236,7 @@ class QueuedStream:
                 self._has_gone()
                 return
             except OSError as error:
-                if not self._has_failed(error.strerror or str(error)):
+                if not self._has_failed(error_text(error)):
                     return
             else:
                 self._has_written(data[:size])

@@ -34,6 +34,7 @@ from framekit.cli.common import (
 from framekit.cli.live_output import LiveOutput, live_output
 from framekit.cli.screen import LiveSession, show
 from framekit.cli.web_option import WebPage, add_web
+from framekit.definition.problems import error_text
 
 if TYPE_CHECKING:
     from framekit.api.gateway import Gateway
@@ -346,7 +347,7 @@ class RealRun:
     def _is_unwatched(self, watching: asyncio.Task[None]) -> None:
         """Print a warning if an error has ended the watch of the run file; the run goes on."""
         if not watching.cancelled() and (error := watching.exception()) is not None:
-            self._output.warning(f"{self.path} is not watched any more: {error or type(error).__name__}")
+            self._output.warning(f"{self.path} is not watched any more: {error_text(error)}")
 
     async def _watch_file(self, run: RunCalls) -> None:
         """Apply each change of the run file; print a warning for changes that cannot be applied, and go on."""

@@ -10,6 +10,7 @@ from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING
 
 from framekit.cli.common import VerbError, WordsError, print_json
+from framekit.definition.problems import error_text
 
 if TYPE_CHECKING:
     from framekit import AsyncServer, Seen
@@ -158,4 +159,4 @@ def _listening(place: str, token: str | None) -> WebServer:
     except OSError as error:
         in_use = error.errno == errno.EADDRINUSE
         why = "the address is in use – end what is there, or give another port, such as 0 for a free one"
-        raise VerbError(f"--web {place}: {why if in_use else error.strerror or error}") from None
+        raise VerbError(f"--web {place}: {why if in_use else error_text(error)}") from None

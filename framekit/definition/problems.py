@@ -113,6 +113,35 @@ def _visible_sign(sign: str) -> str:
     return sign if is_visible else repr(sign)[1:-1]
 
 
+_WITHOUT_TEXT: tuple[tuple[type[BaseException], str], ...] = (
+    (TimeoutError, "no answer within the time limit"),
+    (ConnectionResetError, "the other side has reset the connection"),
+    (ConnectionRefusedError, "the other side refuses the connection"),
+    (BrokenPipeError, "the other side has closed the connection"),
+    (ConnectionError, "the connection was lost"),
+    (EOFError, "the other side has closed the connection"),
+    (MemoryError, "not enough memory"),
+)
+"""Sentences for errors whose libraries give no text."""
+_NAMED = (LookupError, TypeError, AttributeError, AssertionError, NameError, ArithmeticError)
+"""Errors whose texts say little without the kind of the error: `KeyError: 'level'`."""
+
+
+def error_text(error: BaseException) -> str:
+    """Return the cause of an error of the system or of a library, as a text for users; it is never empty.
+
+    An error without a text has the cause of the error that it followed, or a sentence for its kind.
+    """
+    text = (error.strerror if isinstance(error, OSError) else "") or str(error)
+    if text.strip():
+        return f"{type(error).__name__}: {text}" if isinstance(error, _NAMED) else text
+    earlier = error.__cause__ or (None if error.__suppress_context__ else error.__context__)
+    if earlier is not None and earlier is not error and str(earlier).strip():
+        return error_text(earlier)
+    sentence = next((words for kind, words in _WITHOUT_TEXT if isinstance(error, kind)), "")
+    return sentence or f"an error of the kind {type(error).__name__}, without a text"
+
+
 def plural(number: int, noun: str) -> str:
     """Return the number with its noun: `1 byte`, `2 bytes`."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

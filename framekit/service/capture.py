@@ -21,6 +21,7 @@ from framekit.codec.codec import compile_protocol
 from framekit.codec.columns import Cut
 from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Protocol
+from framekit.definition.problems import error_text
 from framekit.definition.times import LineFormat
 from framekit.link.events import CharacterFault, LineFault, Seen
 from framekit.link.listener import Listener
@@ -365,7 +366,7 @@ class _Sink:
 
     def has_failed(self, error: BaseException, number: int) -> None:
         """Report an error of the thread that writes; `number` records are not written."""
-        self.trouble.begins(f"{type(error).__name__}: {error}")
+        self.trouble.begins(error_text(error))
         self._lost += number
 
     def _write(self, records: bytes, number: int) -> None:
@@ -378,7 +379,7 @@ class _Sink:
             self._lost += number
             with suppress(OSError, ValueError):  # a reader passes over a record that is cut off
                 self._file.truncate(self._size)
-            self.trouble.begins(error.strerror or str(error))
+            self.trouble.begins(error_text(error))
         else:
             self._size += written
 
@@ -503,7 +504,7 @@ class CaptureReader:
         try:
             self._file: BinaryIO = path.open("rb")
         except OSError as error:
-            raise CaptureError(f"{path}: {error.strerror or error}") from None
+            raise CaptureError(f"{path}: {error_text(error)}") from None
         first = self._file.read(1)
         self._file.seek(0)
         try:

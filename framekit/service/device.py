@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from framekit.codec.codec import Codec, compile_protocol
-from framekit.definition.problems import DefinitionError, Problem
+from framekit.definition.problems import DefinitionError, Problem, error_text
 from framekit.definition.times import MOST_STATIONS, NEVER, LineFormat
 from framekit.link.engine import Engine
 from framekit.link.events import LinkCounters, MemoryAccess, Monitor, RequestHandler, Seen
@@ -622,7 +622,7 @@ class ListeningPort(Port):
         try:
             self.listener.listen()
         except OSError as error:
-            reason = f"{self.listener.name}: {error.strerror or error}"
+            reason = f"{self.listener.name}: {error_text(error)}"
             self.clock.call_soon(lambda: events.closed(now, reason))
             return
         self.name = self.listener.name

@@ -17,7 +17,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from framekit.definition.problems import DefinitionError, Problem
+from framekit.definition.problems import DefinitionError, Problem, error_text
 from framekit.run.block_state import Failure
 from framekit.run.model import Point
 from framekit.run.points import PointTable, PointValue
@@ -112,7 +112,7 @@ class SinkHost:
             try:
                 answer(why)
             except Exception as error:  # a sink may raise any error; the write itself stays valid
-                log.warning("point %s: the answer to %s is lost: %s", point, who, _in_words(error))
+                log.warning("point %s: the answer to %s is lost: %s", point, who, error_text(error))
 
         def refuse(why: str) -> None:
             log.warning("point %s: %r was refused to %s: %s", point, value, who, why)
@@ -132,7 +132,7 @@ class SinkHost:
                 self._points.write(point, value, who, written)
             except Exception as error:  # values from outside may be of any kind
                 self._under_way -= 1
-                refuse(_in_words(error))
+                refuse(error_text(error))
 
         try:
             self._soon(write)
@@ -210,7 +210,7 @@ class SinkFeeder:
                 self._is_open = True
         except Exception as error:  # a sink may raise anything
             self.abandon()
-            raise OpenError(_in_words(error)) from None
+            raise OpenError(error_text(error)) from None
 
     def abandon(self) -> None:
         """Close everything that `open` opened."""
@@ -319,7 +319,7 @@ class SinkFeeder:
             except Exception as error:  # a sink may raise anything; lines go on
                 self._waiting.not_taken()
                 self._close()
-                self.trouble.begins(_in_words(error))
+                self.trouble.begins(error_text(error))
                 return False
             self._waiting.done(start, taken)
             with self._change:
@@ -358,7 +358,7 @@ class SinkFeeder:
         try:
             self._sink.close()
         except Exception as error:  # as above
-            log.warning("%s: %s", self.trouble.name, _in_words(error))
+            log.warning("%s: %s", self.trouble.name, error_text(error))
 
 
 @dataclass(frozen=True, slots=True)
@@ -384,12 +384,6 @@ class _Meeting:
 
     def write(self, point: str, value: Any, who: str, answer: Callable[[str], None]) -> None:
         self.host.write(point, value, who, answer)
-
-
-def _in_words(error: Exception) -> str:
-    """Return the message of the system or the library for an error."""
-    words = error.strerror if isinstance(error, OSError) else ""
-    return words or str(error) or type(error).__name__
 
 
 class SinkService:

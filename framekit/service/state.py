@@ -13,6 +13,7 @@ from dataclasses import astuple, dataclass, field, fields
 from pathlib import Path
 
 from framekit.definition.fingerprint import fingerprint
+from framekit.definition.problems import error_text
 from framekit.definition.times import NEVER
 from framekit.memory.memory import DeviceMemory, Shape, unit_bits
 from framekit.run.block_state import BlockState, Failure
@@ -214,7 +215,7 @@ class StateFile:
         except sqlite3.DatabaseError as error:
             raise self._damaged(str(error)) from None
         except OSError as error:
-            raise StateError(f"{self.path}: {error.strerror or error}") from None
+            raise StateError(f"{self.path}: {error_text(error)}") from None
 
     def _damaged(self, how: str) -> StateError:
         return StateError(f"{self.path} is damaged: {how} – put a copy in its place, or move it away to begin anew")

@@ -12,6 +12,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 
+from framekit.definition.problems import error_text
 from framekit.run.trouble import Count, Dropped
 from framekit.sinks.base import Sampled
 from framekit.sinks.store import MOST_WAITING, Store, StoreError
@@ -262,4 +263,4 @@ class Waiting:
         with self._change:
             self._is_failing = self._is_direct = True
             self._change.notify_all()
-        self._store_state(getattr(error, "strerror", None) or str(error))
+        self._store_state(error_text(error))

@@ -1,4 +1,4 @@
-"""Records that a thread writes, so that the caller does not wait for a slow disk or reader.
+"""Write records in a thread, so that the caller does not wait for a slow disk or reader.
 
 Captures, and the standard streams of verbs at work, use it. The number of waiting bytes is limited by `most`.
 """

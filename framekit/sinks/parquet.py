@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 from framekit.definition.keys import NUMBER, Form, key, words
-from framekit.definition.problems import plural
+from framekit.definition.problems import error_text, plural
 from framekit.run.points import PointValue
 from framekit.sinks.base import FILE, Sink, SinkKind, good_value, not_installed, value_type
 from framekit.sinks.files import LinesFile, begins_like, keep_newest, name_with, stamp_of
@@ -101,7 +101,7 @@ class ParquetSink(LinesFile):
                 self._convert(self._file, stamp_of(self._began))
         except (OSError, ValueError, StopIteration) as error:
             if self._host is not None:
-                self._host.report(f"{plural(self._rows, 'row')} of the moved file were lost: {error}")
+                self._host.report(f"{plural(self._rows, 'row')} of the moved file were lost: {error_text(error)}")
         finally:
             super().leave()
 

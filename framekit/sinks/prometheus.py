@@ -12,6 +12,7 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from framekit.definition.keys import key
+from framekit.definition.problems import error_text
 from framekit.run.model import Point
 from framekit.run.points import PointValue
 from framekit.run.status import RunStatus
@@ -76,7 +77,7 @@ class PrometheusServer(Sink):
         try:
             self._server, self._thread = start_http_server(self.port, self.host, registry)
         except socket.gaierror as error:
-            raise OSError(error.errno, f"nothing can listen on {self.host}: {error.strerror}") from None
+            raise OSError(error.errno, f"nothing can listen on {self.host}: {error_text(error)}") from None
         self.port = self._server.server_port  # a free one, where the file says 0
         log.info("sink prometheus: http://%s:%d/metrics", self.host, self.port)
 

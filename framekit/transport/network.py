@@ -19,7 +19,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, Protocol, cast
 
-from framekit.definition.problems import printable
+from framekit.definition.problems import error_text, printable
 from framekit.transport.clock import MOST, PIECE, AsyncioClock, Turns
 from framekit.transport.port import Accepted, AcceptedPort, Port, PortEvents
 from framekit.transport.unread import UnreadInput
@@ -149,7 +149,7 @@ class StreamPort(Port):
 
     def why_lost(self, error: Exception) -> str:
         """Return the reason for the end of a connection, as a text for users."""
-        return _why(error) or type(error).__name__
+        return _why(error)
 
     def _forget(self) -> None:
         self.events = self.connection = None
@@ -256,7 +256,7 @@ def _why(error: Exception) -> str:
 
 def _said(error: Exception) -> str:
     number = getattr(error, "errno", None) or 0
-    return os.strerror(number) if number > 0 else getattr(error, "strerror", None) or str(error)
+    return os.strerror(number) if number > 0 else error_text(error)
 
 
 def host_and_port(url: str) -> tuple[str, int]:
@@ -676,7 +676,7 @@ class _Endpoint(asyncio.DatagramProtocol):
     def connection_lost(self, exc: Exception | None) -> None:
         self.transport = None
         if exc is not None:
-            self.port.lost(self, str(exc) or type(exc).__name__)
+            self.port.lost(self, error_text(exc))
 
 
 MOST_KEPT = 16

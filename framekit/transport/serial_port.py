@@ -31,6 +31,7 @@ from functools import partial
 from queue import SimpleQueue
 from typing import Any
 
+from framekit.definition.problems import error_text
 from framekit.definition.times import NEVER, PLAIN, Direction, LineFormat, LineSettings
 from framekit.link.events import CharacterFault, LineFault
 from framekit.transport.clock import AsyncioClock
@@ -204,7 +205,7 @@ def reason_of(error: Exception) -> str:
         return _REASONS[errno.ENOENT]
     if "PermissionError(" in text:
         return _REASONS[errno.EBUSY]
-    return text or type(error).__name__
+    return error_text(error)
 
 
 def _what_there_is(name: str) -> str:

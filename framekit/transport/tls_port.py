@@ -19,7 +19,7 @@ from functools import partial
 from pathlib import Path
 from urllib.parse import parse_qsl, quote, urlencode
 
-from framekit.definition.problems import did_you_mean
+from framekit.definition.problems import did_you_mean, error_text
 from framekit.transport.clock import AsyncioClock
 from framekit.transport.network import (
     FAR_END_CLOSED,
@@ -135,7 +135,7 @@ def _trust(context: ssl.SSLContext, file: str) -> None:
     except ssl.SSLError:
         raise OSError(f"{file} holds no certificates in PEM") from None
     except OSError as error:
-        raise OSError(f"{file}: {error.strerror or error}") from None
+        raise OSError(f"{file}: {error_text(error)}") from None
 
 
 def _show(context: ssl.SSLContext, given: Mapping[str, str]) -> None:
@@ -166,7 +166,7 @@ def why(error: Exception) -> str:
         return _REASONS.get(name) or f"TLS: {name.lower().replace('_', ' ') or 'it failed'}"
     if isinstance(error, ConnectionAbortedError):
         return f"no handshake within {HANDSHAKE_WITHIN:g} s"
-    return FAR_END_CLOSED if isinstance(error, ConnectionResetError) else str(error) or type(error).__name__
+    return FAR_END_CLOSED if isinstance(error, ConnectionResetError) else error_text(error)
 
 
 # ---- connecting -------------------------------------------------------------------------------------------------

@@ -14,12 +14,14 @@ from typing import Any
 
 import pytest
 
+from framekit.api import run as api_run
 from framekit.api.run import FileWatch, content_of
 from framekit.api.run import loaded as load_run
 from framekit.cli.common import reasons_of
 from framekit.cli.main import main
 from framekit.cli.run_output import TextOutput
 from framekit.definition.problems import DefinitionError, Position, Problem
+from framekit.run.model import RunModel
 
 DEVICE = "device: one\nprotocol: modbus-rtu\nstation: 1\nmemory: {set: {40001: [11, 12]}}\n"
 RUN = """run: watched
@@ -158,6 +160,59 @@ def test_a_missing_file_and_a_refused_edit_are_reported(tmp_path: Path, monkeypa
 
     asyncio.run(watched())
     assert events[:2] == ["No such file or directory", ""] and events[-1] == "refused"
+
+
+def test_nothing_is_reported_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The file changes again while its content is loaded, is loaded by hand while it is missing, and comes back."""
+    monkeypatch.setattr("framekit.api.run.INTERVAL", 0.01)
+    path = tmp_path / "a.run.yaml"
+    path.write_text(RUN, encoding="utf-8")
+    (tmp_path / "one.device.yaml").write_text(DEVICE, encoding="utf-8")
+    events: list[str] = []
+    loads: list[str] = []
+
+    def load(path: Path, text: str | None = None) -> RunModel:
+        if not loads:
+            replace_file(path, "run: [")
+        loads.append("")
+        return api_run_load(path, text)
+
+    api_run_load = api_run.load_run
+    monkeypatch.setattr(api_run, "load_run", load)
+
+    async def watched() -> None:
+        looks = asyncio.Queue[None]()
+
+        def seen(path: Path) -> bytes | None:
+            loop.call_soon_threadsafe(looks.put_nowait, None)
+            return content_of(path)
+
+        async def look(times: int) -> None:
+            while not looks.empty():
+                looks.get_nowait()
+            for _ in range(times):
+                await asyncio.wait_for(looks.get(), 60)
+
+        loop = asyncio.get_running_loop()
+        monkeypatch.setattr(api_run, "content_of", seen)
+        files = FileWatch(
+            path, b"", lambda model: events.append("changed"), lambda error: events.append("refused"), events.append
+        )
+        task = asyncio.create_task(files.watch())
+        await look(8)
+        assert events == ["changed", "refused"], "each content is tried once"
+        path.unlink()
+        files.look_now()
+        await look(5)
+        files.look_now()
+        await look(5)
+        assert events[2:] == ["No such file or directory"]
+        replace_file(path, "run: [")
+        await look(8)
+        assert events[3:] == [""], "the content that was refused before"
+        task.cancel()
+
+    asyncio.run(watched())
 
 
 def test_the_places_of_a_refused_edit_are_relative_to_the_folder(

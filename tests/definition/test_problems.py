@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from framekit.definition.load.protocol import load_protocol_text
-from framekit.definition.problems import DefinitionError, is_nearly, listed
+from framekit.definition.problems import DefinitionError, error_text, is_nearly, listed
 from framekit.definition.times import NEVER, readable_time
 
 
@@ -29,6 +29,26 @@ def test_near_misses(word: str, other: str, nearly: bool) -> None:
 )  # fmt: skip
 def test_times_for_people(time: int, text: str) -> None:
     assert readable_time(time) == text
+
+
+def _following(error: Exception, earlier: Exception) -> Exception:
+    error.__cause__ = earlier
+    return error
+
+
+@pytest.mark.parametrize(
+    ("error", "text"),
+    [(TimeoutError(), "no answer within the time limit"), (TimeoutError("timed out"), "timed out"),
+     (ConnectionResetError(), "the other side has reset the connection"),
+     (ConnectionAbortedError(), "the connection was lost"),
+     (OSError(28, "No space left on device"), "No space left on device"),
+     (EOFError(), "the other side has closed the connection"), (KeyError("level"), "KeyError: 'level'"),
+     (_following(RuntimeError(), OSError(5, "Input/output error")), "Input/output error"),
+     (_following(RuntimeError(" "), RuntimeError()), "an error of the kind RuntimeError, without a text"),
+     (ValueError("no number"), "no number"), (MemoryError(), "not enough memory")],
+)  # fmt: skip
+def test_the_text_of_an_error_is_never_empty(error: Exception, text: str) -> None:
+    assert error_text(error) == text
 
 
 FOLLOWED = """
