@@ -554,7 +554,7 @@ def seen_text(
 
 
 def seen_data(seen: Seen, seconds: float, contents: Contents, **more: Any) -> dict[str, Any]:
-    """Return the same as a JSON object with the frame's fields; empty parts are left out. `more` follows the time."""
+    """Return the same as a JSON object with the frame's fields and the names of numbers; empty parts are left out. `more` follows the time."""
     from framekit.api.rows import spaced
 
     line = {
@@ -567,6 +567,7 @@ def seen_data(seen: Seen, seconds: float, contents: Contents, **more: Any) -> di
         "size": len(seen.raw) or "",
         "bytes": spaced(seen.raw),
         "fields": contents.to_plain(seen.frame, seen.fields),
+        "names": contents.names(seen.frame, seen.fields),
         "reason": seen.reason,
         "repeated": seen.repeated or "",
     }

@@ -151,6 +151,8 @@ def as_json(codec: CachedCodec, fits: list[Fit], data: bytes, names: Mapping[str
     shown: list[dict[str, Any]] = []
     for fit in fits:
         one: dict[str, Any] = {"frame": fit.frame, "fields": contents.to_plain(fit.frame, fit.fields)}
+        if numbers := contents.names(fit.frame, fit.fields):
+            one["names"] = numbers
         if fit.refusal is not None:
             one["refused"] = fit.refusal
         if warnings := codec.check_warnings(fit.frame, data, names):

@@ -14,7 +14,7 @@ from framekit.codec.errors import FrameError
 from framekit.codec.evaluate import EVALUATION_ERRORS
 from framekit.codec.functions import FrameFunctions
 from framekit.codec.plain import PlainValues
-from framekit.codec.result_names import Names, names_in_layout
+from framekit.codec.result_names import Names, named_paths, names_in_layout
 from framekit.codec.shown import shown, with_names
 from framekit.definition.model.frames import flat
 from framekit.definition.model.protocol import Protocol
@@ -46,6 +46,17 @@ class Contents:
         }
         for layout, values in self._read(frame, fields):
             found.setdefault(layout, with_names(self._names_of(layout), layout, shown(values)))
+        return found
+
+    def names(self, frame: str, fields: Mapping[str, Any]) -> dict[str, str]:
+        """Return the names of the numbers in `to_plain` by their places: `{"body.nack.minor": "password invalid"}`."""
+        known, found = self.plain.names(frame), {}
+        if known:
+            for name, value in fields.items():
+                found.update(named_paths(known, name, name, value))
+        for layout, values in self._read(frame, fields):
+            if layout not in fields:
+                found.update(named_paths(self._names_of(layout), layout, layout, values))
         return found
 
     def rows(self, frame: str, fields: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:

@@ -60,10 +60,14 @@ class PlainValues:
 
     def named(self, frame: str, path: str, value: Any) -> Any:
         """Return a number together with its name in the frame, `2 (fast)`; any other value unchanged."""
+        return with_name(self.names(frame), path, value)
+
+    def names(self, frame: str) -> dict[str, dict[int, str]]:
+        """Return the names of numbers by field, of a frame and its inner frames; see `names_of`."""
         names = self._names.get(frame)
         if names is None:
             names = self._names[frame] = names_of(self.protocol, frame)
-        return with_name(names, path, value)
+        return names
 
     # ---- reading ------------------------------------------------------------------------------------------
 

@@ -34,7 +34,7 @@ class ResultNames:
         found: dict[str, str] = {}
         for result, names in self._known(service).items():
             if names and result in results:
-                found.update(_paths(names, result, result, results[result]))
+                found.update(named_paths(names, result, result, results[result]))
         return found
 
     def _known(self, service: str) -> dict[str, Names]:
@@ -44,14 +44,14 @@ class ResultNames:
         return names
 
 
-def _paths(names: Names, field: str, path: str, value: Any) -> Iterator[tuple[str, str]]:
+def named_paths(names: Names, field: str, path: str, value: Any) -> Iterator[tuple[str, str]]:
     """Yield the places and names of the named numbers in a value; `field` is the name of its field."""
     if isinstance(value, dict):
         for name, item in value.items():
-            yield from _paths(names, name, f"{path}.{name}", item)
+            yield from named_paths(names, name, f"{path}.{name}", item)
     elif isinstance(value, list):
         for place, item in enumerate(value):
-            yield from _paths(names, field, f"{path}[{place}]", item)
+            yield from named_paths(names, field, f"{path}[{place}]", item)
     elif type(value) is int and (name := names.get(field, {}).get(value)) is not None:
         yield path, name
 

@@ -19,7 +19,7 @@ from framekit.api.monitor import LineMonitor
 from framekit.api.rows import fields_text
 from framekit.cli.common import seen_data, seen_text
 from framekit.cli.main import main
-from framekit.codec.plain import PlainValues
+from framekit.codec.contents import contents_of
 from framekit.definition.load.protocol import load_protocol
 from framekit.link.events import Seen
 from framekit.service.capture import Capture, CaptureReader
@@ -253,7 +253,7 @@ def test_a_monitor_of_datagrams_says_who_sent_them() -> None:
             sender.close()
     assert [one.client for one in seen if one.kind == "frame"] == names
     assert f"0.500  {names[0]} ← request_adu" in seen_text(seen[1], 0.5, "")
-    assert seen_data(seen[1], 0.5, PlainValues(load_protocol("modbus-rtu")))["client"] == names[0]
+    assert seen_data(seen[1], 0.5, contents_of(load_protocol("modbus-rtu")))["client"] == names[0]
 
 
 def test_monitor_filters_and_ascii() -> None:

@@ -76,14 +76,47 @@ def test_decode_names_major_and_minor_of_an_error_of_snp_x(capsys: pytest.Captur
     assert "4 (address or range)" in shown
 
 
-def test_decode_names_major_and_minor_of_an_error(capsys: pytest.CaptureFixture[str]) -> None:
+def error_nack() -> list[str]:
+    """A mailbox with the refusal 05F5 as hex pairs."""
     nack = "1B 4D 00 00 00 00 00 00 02 D1 10 0A 00 00 10 3A 00 00 01 01 05 F5"
     data = bytes.fromhex(nack).ljust(34, b"\0") + bytes.fromhex("17 00 00 00 00")
     check = 0
     for byte in data:
         check ^= byte
         check = (check << 1 | check >> 7) & 0xFF
-    assert main(["decode", "snp", "--from", "server", *[f"{byte:02X}" for byte in (*data, check)]]) == 0
+    return [f"{byte:02X}" for byte in (*data, check)]
+
+
+def test_json_of_decode_has_the_names_by_their_places(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["decode", "snp", "--from", "server", "--json", *error_nack()]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["fields"]["body"]["error_nack"]["minor"] == 245
+    assert found["names"] == {
+        "body.error_nack.major": "service request error", "body.error_nack.minor": "password invalid",
+    }  # fmt: skip
+
+
+RUN = """run: names
+memory: masterlogic
+channels: {1: {port: "sim:one.device.yaml", protocol: snp, role: master, station: A1}}
+blocks: {0: {call: plc_faults, once: yes}}
+"""
+
+
+def test_json_of_a_run_has_the_names_of_numbers_in_frames_and_contents(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "one.device.yaml").write_text(DEVICE, encoding="utf-8")
+    (tmp_path / "names.run.yaml").write_text(RUN, encoding="utf-8")
+    main(["run", str(tmp_path / "names.run.yaml"), "--virtual", "--for", "2s", "--json", "--frames"])
+    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    names = {path: name for line in lines for path, name in line.get("names", {}).items()}
+    assert names["plc_fault_table.faults[0].group"] == "low CPU battery"
+    assert names["body.fault_table.table"] == "plc"
+
+
+def test_decode_names_major_and_minor_of_an_error(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["decode", "snp", "--from", "server", *error_nack()]) == 0
     shown = capsys.readouterr().out
     assert "5 (service request error)" in shown and "245 (password invalid)" in shown
 

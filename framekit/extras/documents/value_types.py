@@ -1,7 +1,8 @@
 """The types of decoded values, as `framekit decode --json` prints them: JSON Schema, and TypeScript.
 
 `{"frame": NAME, "fields": {...}}`, in which the fields of each frame are an object of its own. Bytes are hex pairs in
-text, times are text with a unit, exact decimals are numbers, or text if a float would change the number.
+text, times are text with a unit, exact decimals are numbers, or text if a float would change the number. `names` has the
+names of numbers by their places in the fields.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from framekit.definition.model.segments import Bits, Field, FieldType, Nested, S
 
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 _BYTES = {"type": "string", "pattern": "^([0-9A-F]{2}( [0-9A-F]{2})*)?$"}
+_NAMES = {"type": "object", "additionalProperties": {"type": "string"}}
 _SAFE = 1 << 53
 """Whole numbers up to this are exact in JavaScript."""
 
@@ -41,7 +43,7 @@ def _decoded(frame: Frame) -> Schema:
     return {
         "type": "object",
         "required": ["frame", "fields"],
-        "properties": {"frame": {"const": frame.name}, "fields": {"$ref": _place(frame.name)}},
+        "properties": {"frame": {"const": frame.name}, "fields": {"$ref": _place(frame.name)}, "names": _NAMES},
         **({"description": frame.doc} if frame.doc else {}),
     }
 
@@ -146,7 +148,7 @@ def typescript(protocol: Protocol) -> str:
         lines += [f"export interface {names[frame]} {_type(one, names, 0)}", ""]
     frames = [one["properties"]["frame"]["const"] for one in schema.get("oneOf", ())]
     lines.append("export type Decoded =" + ("" if frames else " never"))
-    lines += [f"  | {{ frame: {json.dumps(frame)}; fields: {names[frame]} }}" for frame in frames]
+    lines += [f"  | {{ frame: {json.dumps(frame)}; fields: {names[frame]}; names?: Record<string, string> }}" for frame in frames]
     return "\n".join(lines) + ";\n"
 
 

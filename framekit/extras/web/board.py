@@ -129,10 +129,10 @@ class WebBoard:
         return [*cells, self.fields_text(entry)]
 
     def fields_text(self, entry: FrameEntry) -> str:
-        """Return the decoded fields of a frame in one line."""
+        """Return the decoded fields of a frame in one line, each number with its name."""
         protocol = self.shown.log.protocol(entry.channel)
         try:
-            fields = contents_of(protocol).to_plain(entry.seen.frame, entry.seen.fields)
+            fields = contents_of(protocol).with_names(entry.seen.frame, entry.seen.fields)
         except EVALUATION_ERRORS as error:  # a frame may contain anything
             return explain(error)
         text = fields_text(fields, named=False)
