@@ -1,8 +1,8 @@
 """The types of decoded values, as `framekit decode --json` prints them: JSON Schema, and TypeScript.
 
 `{"frame": NAME, "fields": {...}}`, in which the fields of each frame are an object of its own. Bytes are hex pairs in
-text, times are text with a unit, exact decimals are numbers, or text if a float would change the number. `names` has the
-names of numbers by their places in the fields.
+text, times are text with a unit, exact decimals are numbers, or text if a float would change the number. `names`
+has the names of numbers by their places in the fields.
 """
 
 from __future__ import annotations
@@ -148,7 +148,8 @@ def typescript(protocol: Protocol) -> str:
         lines += [f"export interface {names[frame]} {_type(one, names, 0)}", ""]
     frames = [one["properties"]["frame"]["const"] for one in schema.get("oneOf", ())]
     lines.append("export type Decoded =" + ("" if frames else " never"))
-    lines += [f"  | {{ frame: {json.dumps(frame)}; fields: {names[frame]}; names?: Record<string, string> }}" for frame in frames]
+    more = "names?: Record<string, string>"
+    lines += [f"  | {{ frame: {json.dumps(frame)}; fields: {names[frame]}; {more} }}" for frame in frames]
     return "\n".join(lines) + ";\n"
 
 
