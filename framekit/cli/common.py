@@ -554,7 +554,7 @@ def seen_text(
 
 
 def seen_data(seen: Seen, seconds: float, contents: Contents, **more: Any) -> dict[str, Any]:
-    """Return the same as a JSON object with the frame's fields and the names of their numbers; empty parts are left out.
+    """Return the same as a JSON object with the frame's fields and names of numbers; empty parts are left out.
 
     `more` follows the time.
     """

@@ -50,7 +50,8 @@ class Contents:
 
     def names(self, frame: str, fields: Mapping[str, Any]) -> dict[str, str]:
         """Return the names of the numbers in `to_plain` by their places: `{"body.nack.minor": "password invalid"}`."""
-        known, found = self.plain.names(frame), {}
+        known = self.plain.names(frame)
+        found: dict[str, str] = {}
         if known:
             for name, value in fields.items():
                 found.update(named_paths(known, name, name, value))

@@ -496,17 +496,23 @@ def never_started(blocks: Sequence[Block]) -> Iterator[Problem]:
 def too_many_stations(blocks: Sequence[Block], channels: MappingOf[int, Channel]) -> Iterator[Problem]:
     """Yield a problem for each channel whose blocks name more stations than its kind of line supports.
 
-    Devices on simulated lines are counted where they are loaded. An RS-232 line may lead to a converter: a warning.
+    Devices on simulated lines are counted where they are loaded. An RS-232 line may lead to a converter to RS-485: a
+    warning, unless that line has no room for them either.
     """
     for channel in channels.values():
         kind = channel.wiring.type
         if kind is None or channel.port.startswith("sim:"):
             continue
         count = len({block.station for block in blocks if block.channel == channel.number} - {None})
+        room = f"{MOST_STATIONS[kind]}"
+        with_converter = MOST_STATIONS["rs485" if kind == "rs232" else kind]
         if count > MOST_STATIONS[kind]:
-            what = f"blocks name {count} stations on one {kind} line, which has room for {MOST_STATIONS[kind]}"
-            todo = "use more channels" if kind == "rs485" else "use type: rs485, or more channels"
-            yield Problem(channel.port_at, what, todo, warning=kind == "rs232")
+            is_possible = count <= with_converter
+            if kind == "rs232" and not is_possible:
+                room += f", and with a converter {with_converter}"
+            what = f"blocks name {count} stations on one {kind} line, which has room for {room}"
+            todo = "use type: rs485, or more channels" if count <= MOST_STATIONS["rs485"] else "use more channels"
+            yield Problem(channel.port_at, what, todo, warning=is_possible)
 
 
 def _before(block: Block) -> Iterator[int]:

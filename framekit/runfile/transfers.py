@@ -6,7 +6,7 @@ Reading a block continues after a broken key (`Attempts`), so that all problems 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from collections.abc import Mapping as MappingOf
 from functools import partial
 from pathlib import Path
@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 from framekit.definition.check.addresses import is_unit
 from framekit.definition.expression import Expression, Name
+from framekit.definition.kinds.base import constant_number
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.frames import Frame, field_names, names_needed
 from framekit.definition.model.protocol import Protocol
@@ -249,8 +250,10 @@ class FrameBlockLoader:
                 what = f"'{entry.key.text}' stands in data: and in values:"
                 reader.note(entry.key.at, what, "leave one of them out")
         sizes = self._sizes(keys.get("size"), frame, fields)
-        self._room(keys.get("data"), data, sizes, fields)
         sized_by = self._sized_by(keys.get("size"), sizes, fields, protocol) if instruction == "send" else {}
+        if instruction == "send":
+            sizes = self._sizes_of_parameters(data, fields, channel) | sizes
+        self._room(keys.get("data"), data, sizes, fields)
         if instruction == "send" and not self.attempts.spoilt:
             self._missing(frame, {*data, *values}, data.keys() - values.keys() - sizes.keys(), keys)
         return {"frame": name, "data": data, "values": values, "sizes": sizes, "sized_by": sized_by}
@@ -351,12 +354,25 @@ class FrameBlockLoader:
         """Return the fields whose size is both given in the block and taken from a parameter, with that parameter."""
         found = {}
         for entry in self.reader.entries(node):
-            size = getattr(fields.get(entry.key.text), "size", None)
-            name = size.root.name if isinstance(size, Expression) and isinstance(size.root, Name) else ""
-            if entry.key.text in sizes and name in protocol.params and name not in fields:
+            name = _size_parameter(entry.key.text, fields, protocol)
+            if entry.key.text in sizes and name:
                 with self.attempts.going_on(), self.reader.refusing(entry.value.at):
                     given_value(protocol.params[name], sizes[entry.key.text])
                     found[entry.key.text] = name
+        return found
+
+    def _sizes_of_parameters(
+        self, names: Iterable[str], fields: MappingOf[str, FramePart], channel: Channel
+    ) -> dict[str, int]:
+        """Return the sizes of fields that parameters of the channel give."""
+        found: dict[str, int] = {}
+        for name in names:
+            parameter = _size_parameter(name, fields, channel.protocol)
+            size = channel.params.get(parameter) if parameter else None
+            if parameter and size is None:
+                size = constant_number(channel.protocol.params[parameter].default)
+            if isinstance(size, int):
+                found[name] = size
         return found
 
     def _missing(self, frame: Frame, given: set[str], unsized: set[str], keys: MappingNode) -> None:
@@ -373,6 +389,13 @@ class FrameBlockLoader:
             if one.name in unsized and not isinstance(one.size, int):
                 what = f"nothing says how many bytes '{one.name}' of '{frame.name}' has"
                 self.reader.note(keys.at, what, f"add size: {{{one.name}: N}}")
+
+
+def _size_parameter(name: str, fields: MappingOf[str, FramePart], protocol: Protocol) -> str:
+    """Return the parameter that is the size of a field; an empty text if its size is anything else."""
+    size = getattr(fields.get(name), "size", None)
+    parameter = size.root.name if isinstance(size, Expression) and isinstance(size.root, Name) else ""
+    return parameter if parameter in protocol.params and parameter not in fields else ""
 
 
 def _holds_others(name: str, frame: Frame) -> tuple[str, str]:

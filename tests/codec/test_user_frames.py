@@ -14,6 +14,7 @@ from framekit.definition.problems import DefinitionError
 FRAMES = """
 protocol: user-frames
 profile: snet-user-frames
+params: {size: {type: number, default: 8, range: 1..100}}
 groups:
   ack: {from: server, head: [{const: ACK}], tail: [{const: ETX}, {check: sum8, as: hex}]}
   nak: {from: server, head: [{const: NAK}], tail: [{const: ETX}, {check: sum8, as: hex}]}
@@ -28,7 +29,7 @@ frames:
       - {text: wSB}
       - {text: "06%MW100"}
       - {text: "04"}
-      - {data: words, size: 8, convert: hex_to_ascii}
+      - {data: words, size: size, convert: hex_to_ascii}
 """
 
 CASES: list[tuple[str, dict[str, Any], str]] = [

@@ -41,7 +41,10 @@ def check_profile(protocol: Protocol) -> list[Problem]:
 
 
 def _user_frames(frame: Frame) -> Iterator[Problem]:
-    """Check a user-defined frame of the Snet tool (guide, chapter 7): heads of constants, four variables per body, …"""
+    """Check a user-defined frame of the Snet tool (guide, 7.3).
+
+    Heads hold constants, bodies four variables at most; a sent body has no variable of fixed size.
+    """
     for segment in frame.head:
         if not isinstance(segment, Const):
             yield Problem(segment.at, "a head holds only constants in this profile", "move it to the body")
@@ -60,6 +63,11 @@ def _user_frames(frame: Frame) -> Iterator[Problem]:
     for segment in variables[MOST_VARIABLES:]:
         what = f"the body has more than {MOST_VARIABLES} variables"
         yield Problem(segment.at, what, "split the frame, or leave the profile out")
+    for segment in variables if frame.side == "client" else ():
+        if isinstance(segment, Field) or isinstance(segment.size, int):
+            what = "a sent body has no fixed-size variable in this profile"
+            todo = "write {data: NAME, size: rest}, or the name of a parameter as its size"
+            yield Problem(segment.at, what, todo)
     for segment in variables if frame.side == "server" else ():
         if isinstance(segment, Data) and segment.size == "rest" and segment is not frame.body[-1]:
             what = "a variable-size variable must be the last of a received body"
