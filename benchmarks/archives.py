@@ -15,7 +15,7 @@ from typing import Any
 
 from benchmarks.cases import codec_of
 from benchmarks.rows.capture import requests_and_replies
-from framekit.api.archive import archive
+from framekit.extras.archive.archive import archive
 
 
 def made(folder: Path, count: int, frames: int) -> list[Path]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from benchmarks.guess_score import bitwise_crc
 from framekit.definition.model.checks import crc_catalogue
-from framekit.guess.checks import find_checks, holds
+from framekit.extras.guess.checks import find_checks, holds
 
 Words = tuple[int, int, int, bool, bool, int]
 

@@ -18,11 +18,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from benchmarks.guess_score import Marks, share
-from framekit.api.guess import heard
-from framekit.guess.checks import holds
-from framekit.guess.guess import guess
-from framekit.guess.model import CheckGuess, Guess, HeardBytes
-from framekit.guess.stuffing import StuffingError, plain_frame
+from framekit.extras.guess.checks import holds
+from framekit.extras.guess.guess import guess
+from framekit.extras.guess.model import CheckGuess, Guess, HeardBytes
+from framekit.extras.guess.recordings import heard
+from framekit.extras.guess.stuffing import StuffingError, plain_frame
 
 FOLDER = Path(__file__).parent.parent / "tests" / "data" / "guess"
 COUNTS = (5, 10, 20, 50, 100, 200)

@@ -19,10 +19,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from framekit.definition.model.checks import CheckMethod, crc_catalogue
-from framekit.guess.checks import code_of, cut_at
-from framekit.guess.guess import guess
-from framekit.guess.model import Guess, HeardBytes
-from framekit.guess.stuffing import StuffingError, plain_frame
+from framekit.extras.guess.checks import code_of, cut_at
+from framekit.extras.guess.guess import guess
+from framekit.extras.guess.model import Guess, HeardBytes
+from framekit.extras.guess.stuffing import StuffingError, plain_frame
 
 Code = Callable[[bytes], int]
 CHARACTER = 1_041_666

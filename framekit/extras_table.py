@@ -16,9 +16,7 @@ class Verb(NamedTuple):
 
     about: str
     module: str
-    """Module with `add_VERB_arguments` and `run_VERB`; of a verb of an extra below `framekit.extras`."""
-    group: str
-    """Group of the verb in the list of `framekit --help`."""
+    """Module with `add_VERB_arguments` and `run_VERB`."""
     uses_cache: bool = True
     """Whether the verb takes definitions from the user's cache folder if it holds them."""
 
@@ -44,10 +42,17 @@ class Importer(NamedTuple):
 class Extra(NamedTuple):
     """The parts that an extra brings, by the names that users write."""
 
-    verbs: Mapping[str, Verb] = {}
+    verbs: Mapping[str, Mapping[str, Verb]] = {}
+    """By the groups in the list of `framekit --help`."""
     generators: Mapping[str, Generator] = {}
     importers: Mapping[str, Importer] = {}
     """By the suffix of the files, in lower case."""
+    options: Mapping[str, str] = {}
+    """Objects that do the work of options of the core's verbs."""
+    pip: str = ""
+    """Extra of `pip install` with its libraries, if it cannot do without them."""
+    library: str = ""
+    """Module of one of these libraries."""
 
 
 EXTRAS: dict[str, Extra] = {
@@ -76,11 +81,60 @@ EXTRAS: dict[str, Extra] = {
             )
         }
     ),
+    "guess": Extra(
+        verbs={
+            "Unknown lines": {
+                "record": Verb(
+                    "record the bytes of an unknown line, or find its speed and format",
+                    "framekit.extras.guess.record_verb",
+                    uses_cache=False,
+                ),
+                "guess": Verb(
+                    "find frames, check and fields in recordings of an unknown line", "framekit.extras.guess.guess_verb"
+                ),
+                "diff": Verb("tell which fields differ between two recordings", "framekit.extras.guess.guess_verb"),
+            }
+        }
+    ),
+    "archive": Extra(
+        options={
+            "decode --to": "archive.command:write_archive",
+            "decode --values": "archive.command:write_values_of",
+        }
+    ),
+    "web": Extra(
+        verbs={
+            "Define": {
+                "edit": Verb(
+                    "edit definitions and run files on a page that shows what they mean",
+                    "framekit.extras.web.edit_verb",
+                    uses_cache=False,
+                )
+            }
+        },
+        options={"--web": "web.web_page:WebPage"},
+        pip="web",
+        library="starlette",
+    ),
 }
 """The extras, by the names of their folders."""
 
 GENERATORS = {name: one for extra in EXTRAS.values() for name, one in extra.generators.items()}
 IMPORTERS = {suffix: one for extra in EXTRAS.values() for suffix, one in extra.importers.items()}
+OPTIONS = {name: target for extra in EXTRAS.values() for name, target in extra.options.items()}
+
+
+def install_hints() -> dict[str, str]:
+    """Return how to install the missing library of an extra, by its verbs."""
+    from importlib.util import find_spec  # takes longer than most verbs
+
+    return {
+        verb: f"pip install 'framekit[{extra.pip}]'"
+        for extra in EXTRAS.values()
+        if extra.library and find_spec(extra.library) is None
+        for verbs in extra.verbs.values()
+        for verb in verbs
+    }
 
 
 def load(target: str) -> Any:

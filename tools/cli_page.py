@@ -20,9 +20,9 @@ PART = re.compile(r"<!-- (verbs|options) -->\n.*?<!-- end -->\n", re.DOTALL)
 def verbs_text() -> str:
     """Return the table of all verbs by groups."""
     rows = [
-        f"| {group if first else ''} | [`{verb}`](#options-of-{verb}) | {about} |"
+        f"| {group if first else ''} | [`{verb}`](#options-of-{verb}) | {row.about} |"
         for group, verbs in GROUPS.items()
-        for first, (verb, about) in zip((True, *(False,) * len(verbs)), verbs.items(), strict=False)
+        for first, (verb, row) in zip((True, *(False,) * len(verbs)), verbs.items(), strict=False)
     ]
     return "\n".join(["| group | verb | what it does |", "|---|---|---|", *rows])
 

@@ -23,8 +23,8 @@ from typing import Any
 import serial
 from peer_world import at_work, pty_device, tcp_device
 
-from framekit.api.record import Recorder
 from framekit.definition.times import LineFormat
+from framekit.extras.guess.record import Recorder
 from framekit.transport.pty_port import PtyPair
 
 NEEDS = "digi-xbee enocean pyrtcm pysbf2 python-pylontech yamspy zigpy-znp"

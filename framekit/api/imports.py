@@ -20,6 +20,10 @@ MOST_BYTES = 1_000_000
 """Largest size of a file (bytes)."""
 
 
+class ProtocolNameError(ValueError):
+    """A file whose name gives no name of a protocol."""
+
+
 def import_definition(path: Path, name: str) -> ImportedDefinition:
     """Return the definition `name`, made from a file.
 
@@ -44,6 +48,20 @@ def import_definition(path: Path, name: str) -> ImportedDefinition:
         raise DefinitionError([problem]) from None
     read: Callable[[str, str, str], ImportedDefinition] = load(chosen.target)
     return read(text, str(path), name)
+
+
+def protocol_name(path: Path) -> str:
+    """Return the name of the protocol in this file. Raises ProtocolNameError."""
+    name = path.name.removesuffix(".yaml")
+    if path.suffix != ".yaml":
+        raise ProtocolNameError(
+            f"'{path.name}' is no file of a definition – write {path.name.partition('.')[0] or 'meter'}.yaml"
+        )
+    if re.fullmatch(r"[a-z][a-z0-9_-]*", name) is None:
+        raise ProtocolNameError(
+            f"'{name}' is no name of a protocol – write small letters, digits, - and _, such as meter.yaml"
+        )
+    return name
 
 
 def definition_beside(path: Path) -> Path:

@@ -55,8 +55,7 @@ def add_import_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_import(arguments: argparse.Namespace) -> int:
-    from framekit.api.draft import DraftError
-    from framekit.api.imports import definition_beside
+    from framekit.api.imports import ProtocolNameError, definition_beside
     from framekit.api.replaced_file import replace_whole
 
     file, place = arguments.file, arguments.output or definition_beside(arguments.file)
@@ -67,7 +66,7 @@ def run_import(arguments: argparse.Namespace) -> int:
             raise WordsError(f"{near(str(place))} is the file that is read – name another one with -o")
         if place.exists() and arguments.output is None:
             raise WordsError(f"{near(str(place))} is there already – name another file with -o")
-    except DraftError as error:
+    except ProtocolNameError as error:
         raise WordsError(f"{error}; name it with -o") from None
     except OSError as error:
         raise WordsError(why_not(error)) from None
@@ -101,8 +100,7 @@ def is_list(file: Path) -> bool:
 
 def _definition(arguments: argparse.Namespace, place: Path) -> tuple[str, list[Message]]:
     """Return the text of a definition made of a file, and the messages about its parts."""
-    from framekit.api.draft import protocol_name
-    from framekit.api.imports import import_definition
+    from framekit.api.imports import import_definition, protocol_name
 
     for option in ("address", "add", "order"):
         if getattr(arguments, option) is not None:

@@ -19,9 +19,6 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Sequence
 
-READS_ITSELF = ("check", "test", "edit", "completion", "record", "loopback", "history", "new", "import", "schema")
-"""Verbs that read definitions as they are written, or none: they do not use the cache."""
-
 OUTPUT_CLOSED = 141
 """Exit status if the reader of standard output has gone: that of a program that SIGPIPE has ended, in shells."""
 
@@ -144,9 +141,10 @@ def _verb(words: list[str]) -> int:
 def _run(parsed: argparse.Namespace) -> int:
     """Run a verb; definitions are taken from the user's cache folder if it holds them."""
     from framekit.cli.parser import function_of
+    from framekit.cli.verb_table import VERBS
 
     run = function_of(parsed.verb, f"run_{parsed.verb}")
-    if parsed.verb in READS_ITSELF:
+    if not VERBS[parsed.verb].uses_cache:
         return int(run(parsed))
     from framekit.codec.cache import definition_cache
     from framekit.definition.sources import cached_by

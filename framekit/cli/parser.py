@@ -16,15 +16,6 @@ from framekit.cli.common import WordsError, print_error_data
 from framekit.cli.verb_table import VERBS, examples_text, overview
 from framekit.definition import PATH_VARIABLE, ROOT_VARIABLE
 
-TOGETHER = {
-    "device_verbs": ("read", "write", "call"),
-    "file_verbs": ("new", "import", "schema"),
-    "definition_verbs": ("check", "test", "encode", "frames"),
-    "guess_verb": ("guess", "diff"),
-    "line_verbs": ("monitor", "replay", "loopback"),
-}
-"""Modules with several verbs; `run` is in `run_verb`. A module defines `add_VERB_arguments` and `run_VERB`."""
-
 _MESSAGES = (
     (r"^argument (\S+): invalid int value: ('.*')$", r"\1: \2 is not a whole number – write digits, such as 10"),
     (r"^argument (\S+): invalid float value: ('.*')$", r"\1: \2 is not a number – write digits, such as 2.5"),
@@ -164,7 +155,8 @@ def build_parser(only: str | None = None) -> Parser:
         "--root", metavar="FOLDER", help=f"files inside this folder may name each other by ../, as with {ROOT_VARIABLE}"
     )
     verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True, prog="framekit")
-    for verb, about in VERBS.items() if not only else [(only, VERBS[only])]:
+    for verb in VERBS if not only else [only]:
+        about = VERBS[verb].about
         one = parser.verbs[verb] = verbs.add_parser(verb, help=about, description=about[0].upper() + about[1:] + ".")
         one.verb = verb
         if only is None or only == verb:
@@ -186,6 +178,5 @@ def parse(parser: Parser, words: Sequence[str]) -> tuple[argparse.Namespace, lis
 
 def function_of(verb: str, name: str) -> Callable[[Any], Any]:
     """Import the module of a verb and return its function."""
-    module = next((module for module, verbs in TOGETHER.items() if verb in verbs), f"{verb}_verb")
-    found: Callable[[Any], Any] = getattr(importlib.import_module(f"framekit.cli.{module}"), name)
+    found: Callable[[Any], Any] = getattr(importlib.import_module(VERBS[verb].module), name)
     return found

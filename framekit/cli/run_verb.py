@@ -33,7 +33,7 @@ from framekit.cli.common import (
 )
 from framekit.cli.live_output import LiveOutput, live_output
 from framekit.cli.screen import LiveSession, show
-from framekit.cli.web_option import WebPage, add_web
+from framekit.cli.web_option import NoPage, add_web, page_of
 from framekit.definition.problems import error_text
 
 if TYPE_CHECKING:
@@ -234,13 +234,13 @@ class RealRun:
             self._read_control()
         self._left = duration
         with self._in_fleet(loaded):
-            page = WebPage(self._arguments)
+            page = page_of(self._arguments)
             while True:
                 ended = await self._one(loaded, page)
                 gateway = self._gateway
                 if gateway is None or gateway.next_run is None:
                     break
-                loaded, page = gateway.next_run, WebPage(self._arguments)
+                loaded, page = gateway.next_run, page_of(self._arguments)
                 self._output = self._make_output(loaded)
         return ended
 
@@ -257,7 +257,7 @@ class RealRun:
             raise VerbError(str(error)) from None
         return self._gateway
 
-    def _begun(self, loaded: RunModel, page: WebPage) -> AsyncRun:
+    def _begun(self, loaded: RunModel, page: NoPage) -> AsyncRun:
         """Return the run, not started. If the run of a rolled-out file cannot be made, return the previous run."""
         from framekit.api.run import AsyncRun
 
@@ -272,11 +272,11 @@ class RealRun:
             self._output = self._make_output(before)
             return made(make, before, self._monitor(page), self.watch)
 
-    def _monitor(self, page: WebPage) -> OnSeen | Tape | None:
+    def _monitor(self, page: NoPage) -> OnSeen | Tape | None:
         """Return the recorder of the frames of the lines: for the page, the output, or None."""
         return page.monitor(None if self.watch.quiet else self._output.tape)
 
-    async def _one(self, loaded: RunModel, page: WebPage) -> Ended:
+    async def _one(self, loaded: RunModel, page: NoPage) -> Ended:
         gateway, loop = self._gateway, asyncio.get_running_loop()
         run = self._begun(loaded, page)
         output = self._output

@@ -34,7 +34,7 @@ from framekit.cli.common import (
 )
 from framekit.cli.live_output import LiveOutput, live_output
 from framekit.cli.screen import LiveSession, show
-from framekit.cli.web_option import WebPage, add_web
+from framekit.cli.web_option import NoPage, add_web, page_of
 from framekit.transport.schemes import help_on_ports
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ def _run(arguments: argparse.Namespace, live: LiveOutput | None) -> int:
     if live is None:
         return show(ServeSession(server, duration))
     with contextlib.suppress(asyncio.CancelledError):
-        return run_in_loop(_serve(arguments, server, duration, every, WebPage(arguments), live))
+        return run_in_loop(_serve(arguments, server, duration, every, page_of(arguments), live))
     return 0
 
 
@@ -152,7 +152,7 @@ def _assigned(texts: Iterable[str], form: str) -> dict[str, str]:
 
 
 async def _serve(
-    arguments: argparse.Namespace, server: AsyncServer, duration: int | None, every: int, page: WebPage,
+    arguments: argparse.Namespace, server: AsyncServer, duration: int | None, every: int, page: NoPage,
     live: LiveOutput,
 ) -> int:  # fmt: skip
     """Serve until the time is over, or SIGINT or SIGTERM arrives; return the exit status.

@@ -2,56 +2,62 @@
 
 from __future__ import annotations
 
-GROUPS: dict[str, dict[str, str]] = {
+from framekit.extras_table import EXTRAS, Verb, install_hints
+
+_CORE: dict[str, dict[str, Verb]] = {
     "Try": {
-        "demo": "show for half a minute a simulated device, its values and its frames",
+        "demo": Verb("show for half a minute a simulated device, its values and its frames", "framekit.cli.demo_verb"),
     },
     "Define": {
-        "new": "lay out a protocol of your own",
-        "check": "check definitions and run files",
-        "test": "run the vectors of a definition",
-        "frames": "list protocols, frames and fields",
-        "encode": "make the bytes of a frame",
-        "decode": "tell which frame some bytes are, and its fields",
-        "edit": "edit definitions and run files on a page that shows what they mean",
-        "import": "make a definition or points of a file of another program",
-        "schema": "print the schemas of files, and the settings of an editor",
+        "new": Verb("lay out a protocol of your own", "framekit.cli.file_verbs", uses_cache=False),
+        "check": Verb("check definitions and run files", "framekit.cli.definition_verbs", uses_cache=False),
+        "test": Verb("run the vectors of a definition", "framekit.cli.definition_verbs", uses_cache=False),
+        "frames": Verb("list protocols, frames and fields", "framekit.cli.definition_verbs"),
+        "encode": Verb("make the bytes of a frame", "framekit.cli.definition_verbs"),
+        "decode": Verb("tell which frame some bytes are, and its fields", "framekit.cli.decode_verb"),
+        "import": Verb(
+            "make a definition or points of a file of another program", "framekit.cli.file_verbs", uses_cache=False
+        ),
+        "schema": Verb(
+            "print the schemas of files, and the settings of an editor", "framekit.cli.file_verbs", uses_cache=False
+        ),
     },
     "Talk": {
-        "read": "read values of a device",
-        "write": "write values into a device",
-        "call": "run another service of a device",
-        "scan": "find stations, their speed and format, by harmless requests",
-        "commreq": "explain or carry out command blocks",
+        "read": Verb("read values of a device", "framekit.cli.device_verbs"),
+        "write": Verb("write values into a device", "framekit.cli.device_verbs"),
+        "call": Verb("run another service of a device", "framekit.cli.device_verbs"),
+        "scan": Verb("find stations, their speed and format, by harmless requests", "framekit.cli.scan_verb"),
+        "commreq": Verb("explain or carry out command blocks", "framekit.cli.commreq_verb"),
     },
     "Run": {
-        "run": "carry out a run file",
-        "history": "show the values that a run has kept",
+        "run": Verb("carry out a run file", "framekit.cli.run_verb"),
+        "history": Verb("show the values that a run has kept", "framekit.cli.history_verb", uses_cache=False),
     },
     "Simulate": {
-        "serve": "answer requests on a port, with memory",
+        "serve": Verb("answer requests on a port, with memory", "framekit.cli.serve_verb"),
     },
     "Watch": {
-        "monitor": "listen to a line between others",
-        "replay": "send the bytes of a capture again",
-        "loopback": "test a port that is wired back to itself",
+        "monitor": Verb("listen to a line between others", "framekit.cli.line_verbs"),
+        "replay": Verb("send the bytes of a capture again", "framekit.cli.line_verbs"),
+        "loopback": Verb("test a port that is wired back to itself", "framekit.cli.line_verbs", uses_cache=False),
     },
     "Generate": {
-        "generate": "write stand-alone code from a definition",
-        "completion": "print a shell's completion script",
-    },
-    "Unknown lines": {
-        "record": "record the bytes of an unknown line, or find its speed and format",
-        "guess": "find frames, check and fields in recordings of an unknown line",
-        "diff": "tell which fields differ between two recordings",
+        "generate": Verb("write stand-alone code from a definition", "framekit.cli.generate_verb"),
+        "completion": Verb("print a shell's completion script", "framekit.cli.completion_verb", uses_cache=False),
     },
     "Fleet": {
-        "fleet": "list the runs that report to a broker, and roll run files out",
+        "fleet": Verb("list the runs that report to a broker, and roll run files out", "framekit.cli.fleet_verb"),
     },
 }
-"""A line about each verb, by groups."""
+"""The verbs of the core; extras bring others."""
 
-VERBS = {verb: about for verbs in GROUPS.values() for verb, about in verbs.items()}
+GROUPS: dict[str, dict[str, Verb]] = {group: dict(verbs) for group, verbs in _CORE.items()}
+"""The verbs, by groups."""
+for _extra in EXTRAS.values():
+    for _group, _verbs in _extra.verbs.items():
+        GROUPS.setdefault(_group, {}).update(_verbs)
+
+VERBS = {verb: row for verbs in GROUPS.values() for verb, row in verbs.items()}
 
 DOCS = "Documentation: docs/ in framekit's folder, every verb in docs/cli.md; `make docs` makes a site of it."
 
@@ -67,9 +73,10 @@ def examples_of(verb: str) -> list[str]:
 def overview() -> str:
     """Return the list of verbs for `framekit --help`: groups, examples, and the place of the documentation."""
     width = max(map(len, VERBS))
+    hints = {verb: f" – first {hint}" for verb, hint in install_hints().items()}
     parts = []
     for group, verbs in GROUPS.items():
-        lines = [f"  {verb:<{width}}  {about}" for verb, about in verbs.items()]
+        lines = [f"  {verb:<{width}}  {row.about}{hints.get(verb, '')}" for verb, row in verbs.items()]
         parts.append("\n".join([f"{group}:", *lines]))
     parts.append(examples_text(""))
     parts.append(f"framekit help VERB shows the options of a verb, and examples.\n{DOCS}")

@@ -12,7 +12,6 @@ from docs.pages import ROOT
 
 from framekit.cli.main import main
 from framekit.cli.other_words import LETTERS_MEANT, OPTIONS_MEANT, VERBS_MEANT
-from framekit.cli.parser import TOGETHER
 from framekit.cli.verb_table import GROUPS, VERBS, examples_of
 
 IN_THE_TEST = {
@@ -68,7 +67,6 @@ def ended_with(words: list[str]) -> int:
 
 def test_every_verb_belongs_to_a_group_and_has_two_examples() -> None:
     assert sum(map(len, GROUPS.values())) == len(VERBS)
-    assert {verb for verbs in TOGETHER.values() for verb in verbs} <= VERBS.keys()
     for verb in VERBS:
         examples = examples_of(verb)
         assert len(set(examples)) == 2

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from framekit.extras_table import EXTRAS, GENERATORS, IMPORTERS, load
+from framekit.cli import verb_table
+from framekit.extras_table import EXTRAS, GENERATORS, IMPORTERS, OPTIONS, load
 
 ROOT = Path(__file__).parents[2] / "framekit"
 
@@ -44,9 +45,25 @@ def test_imports_in_classes_and_conditions_count() -> None:
 
 def test_each_folder_of_extras_has_a_row() -> None:
     folders = {path.name for path in (ROOT / "extras").iterdir() if (path / "__init__.py").exists()}
-    assert folders - {"web"} == EXTRAS.keys()
+    assert folders == EXTRAS.keys()
 
 
-@pytest.mark.parametrize("target", [one.target for one in (*GENERATORS.values(), *IMPORTERS.values())])
+@pytest.mark.parametrize(
+    "target", [*OPTIONS.values(), *(one.target for one in (*GENERATORS.values(), *IMPORTERS.values()))]
+)
 def test_what_an_extra_brings_exists(target: str) -> None:
     assert callable(load(target))
+
+
+def test_help_names_the_verbs_of_an_extra_without_its_library_and_says_how_to_install_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "starlette" else object())
+    lines = [line for line in verb_table.overview().splitlines() if "pip install" in line]
+    assert len(lines) == 1
+    assert lines[0].startswith("  edit ") and lines[0].endswith("– first pip install 'framekit[web]'")
+
+
+def test_extras_that_need_libraries_are_named_as_their_pip_extra() -> None:
+    assert [name for name, extra in EXTRAS.items() if extra.library] == ["web"]
+    assert all(bool(extra.pip) == bool(extra.library) for extra in EXTRAS.values())

@@ -1,0 +1,50 @@
+"""Recordings of programs not written here: what is said of each, held against what is known of its protocol."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+from spread import WHOLE, spread
+
+from framekit.extras.guess.draft import write_definition
+from framekit.extras.guess.recordings import guess, reading_of
+
+sys.path.insert(0, str(Path(__file__).parents[3]))
+from benchmarks.guess_real import FOLDER, TRUTHS, all_of, case_of, judged_real
+
+
+@pytest.mark.parametrize("name", TRUTHS)
+def test_what_is_said_of_a_recording_is_right(name: str) -> None:
+    marks = judged_real(case_of(name, 200))
+    missed = {what for what in ("framing", "check", "length") if getattr(marks, what) is False}
+    assert not missed and not marks.wrong
+
+
+@pytest.mark.parametrize("name", spread(TRUTHS, 5))
+def test_the_definition_of_a_recording_reads_it(name: str, tmp_path: Path) -> None:
+    case, path = case_of(name, 200), tmp_path / "found.yaml"
+    assert write_definition(guess(case.chunks), path, name).problems == ()
+    told = reading_of(path, case.chunks).data
+    assert (told["frames"], told["bad"], told["noise"]) == (len(case.good), 0, 0)
+
+
+def test_each_recording_has_its_truth_and_its_row() -> None:
+    assert {path.stem for path in FOLDER.glob("*.pcap")} == set(TRUTHS)
+    readme = (FOLDER / "README.md").read_text("utf-8")
+    assert all(f"| {name}.pcap |" in readme for name in TRUTHS)
+    assert sum(path.stat().st_size for path in FOLDER.glob("*.pcap")) < 300_000
+
+
+DEAR = {"mbpoll-tcp", "melsec-4e", "melsec-3e-ascii", "fins-tcp"}
+"""Recordings that take 10 s each and have a length before the body, as two others have: tried when all is asked for."""
+
+
+@pytest.mark.long
+def test_first_frames_and_damaged_ones() -> None:
+    marks = [one[3] for name in TRUTHS if WHOLE or name not in DEAR for one in all_of((name, 1))]
+    assert sum(one.framing for one in marks) >= 0.98 * len(marks)
+    for known in ([one.check for one in marks], [one.length for one in marks]):
+        assert sum(bool(one) for one in known) >= 0.98 * sum(one is not None for one in known)
+    assert sum(len(one.wrong) for one in marks) <= 0.005 * sum(one.sure for one in marks)
