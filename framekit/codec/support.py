@@ -290,21 +290,11 @@ def build_decimal(
     number = "".join(map(str, figures)).lstrip("0")
     behind, tail = decimals or 0, ""
     if exponent:
-        place = len(number) - 1 + power if number else 0
-        tail = f"E{place:+0{exponent + 1}d}"
-        if len(tail) > exponent + 2:
-            raise Unfit(f"{value} needs an exponent of more than {exponent} digits")
+        tail = _exponent_text(value, len(number) - 1 + power if number else 0, exponent)
         power = -max(len(number) - 1, 0)
     elif decimals is None:
         behind = max(-power, 0)
-    surplus = -power - behind
-    if surplus > 0:
-        if number[-surplus:].strip("0"):
-            raise Unfit(f"{value} has more than {behind} decimals")
-        number = number[:-surplus]
-    else:
-        number += "0" * -surplus
-    number = number.rjust(behind, "0")
+    number = _with_decimals(value, number, power, behind)
     front = number[: len(number) - behind].rjust(digits or not behind, "0")
     text = front + (f".{number[len(number) - behind :]}" if behind or point else "") + tail
     if negative and sign == "never":
@@ -318,6 +308,27 @@ def build_decimal(
     if fill == b"0":
         return (signed + "0" * room + text).encode("ascii")
     return fill * room + (signed + text).encode("ascii")
+
+
+def _exponent_text(value: Any, power: int, digits: int) -> str:
+    """Return `E`, sign and `digits` digits of an exponent. Raises ValueError if it needs more."""
+    text = f"E{power:+0{digits + 1}d}"
+    if len(text) > digits + 2:
+        raise Unfit(f"{value} needs an exponent of more than {digits} digits")
+    return text
+
+
+def _with_decimals(value: Any, number: str, power: int, decimals: int) -> str:
+    """Return the digits of `number` × 10 ** `power`, the last `decimals` of them after the point.
+
+    Raises ValueError if that would cut digits other than 0.
+    """
+    surplus = -power - decimals
+    if surplus <= 0:
+        return (number + "0" * -surplus).rjust(decimals, "0")
+    if number[-surplus:].strip("0"):
+        raise Unfit(f"{value} has more than {decimals} decimals")
+    return number[:-surplus].rjust(decimals, "0")
 
 
 def parse_decimal(

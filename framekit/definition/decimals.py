@@ -136,7 +136,7 @@ def load_form(reader: Reader, keys: Keys, size: object) -> DecimalForm:
 
     `size`: its size, or None if an end byte delimits it. Raises Broken.
     """
-    decimals_node, pad_node = keys.get("decimals"), keys.get("pad")
+    decimals_node = keys.get("decimals")
     has_any = decimals_node is not None and reader.text(decimals_node).strip() == "any"
     decimals = None if has_any else _digits(reader, decimals_node, 0)
     point_node, sign_node = keys.get("point"), keys.get("sign")
@@ -145,35 +145,52 @@ def load_form(reader: Reader, keys: Keys, size: object) -> DecimalForm:
         what = f"{decimals} digits always stand behind the point, point: has no effect"
         raise reader.broken(point_node.at, what, "leave point out")
     sign = "minus" if sign_node is None else reader.one_of(sign_node, {one: one for one in SIGNS}, "a sign")
-    exponent_node = keys.get("exponent")
-    exponent = _digits(reader, exponent_node, 0)
-    fill = b"0" if pad_node is None or size is None else bytes((reader.byte(pad_node),))
-    if pad_node is not None and size is None:
-        raise reader.broken(pad_node.at, "pad: fills a size up, and this number has none", "write digits: N, or a size")
-    if pad_node is not None and fill != b"0" and fill in b"123456789+-.E":
-        what = f"{fill.hex().upper()} may stand in the number itself"
-        raise reader.broken(pad_node.at, what, "fill it up with 20 (spaces) or 30 (zeros)")
-    digits, empty, node = 1, False, keys.get("digits")
-    if node is not None:
-        digits = _digits(reader, node, 1)
-        if size is not None and fill == b"0":
-            what = "the size is filled up with zeros, digits: has no effect"
-            raise reader.broken(node.at, what, "leave digits out, or write pad: 20")
-        if exponent_node is not None:
-            what = "one digit stands before the point of a number with an exponent"
-            raise reader.broken(node.at, what, "leave digits out")
+    exponent = _exponent(reader, keys.get("exponent"), decimals)
+    fill = _fill(reader, keys.get("pad"), size)
+    digits = _leading_digits(reader, keys, size, fill)
     node = keys.get("empty")
-    if node is not None:
-        empty = reader.flag(node)
-        if size is not None:
-            what = "empty: belongs to a number that its end shows, this one has a size"
-            raise reader.broken(node.at, what, "leave empty out, or write end: instead of size:")
-    if exponent_node is not None and not 1 <= exponent <= _MOST_EXPONENT:
-        raise reader.broken(exponent_node.at, f"an exponent has 1 to {_MOST_EXPONENT} digits", "correct it")
-    if exponent_node is not None and decimals is None:
-        what = "decimals: any has no exponent: nothing would say where the point stands"
-        raise reader.broken(exponent_node.at, what, "write decimals: N")
+    empty = node is not None and reader.flag(node)
+    if node is not None and size is not None:
+        what = "empty: belongs to a number that its end shows, this one has a size"
+        raise reader.broken(node.at, what, "leave empty out, or write end: instead of size:")
     return DecimalForm(decimals, sign, digits, fill, exponent, empty, point)
+
+
+def _exponent(reader: Reader, node: Node | None, decimals: int | None) -> int:
+    """Return the number of digits of the exponent; 0: the number has none. Raises Broken."""
+    exponent = _digits(reader, node, 0)
+    if node is not None and not 1 <= exponent <= _MOST_EXPONENT:
+        raise reader.broken(node.at, f"an exponent has 1 to {_MOST_EXPONENT} digits", "correct it")
+    if node is not None and decimals is None:
+        what = "decimals: any has no exponent: nothing would say where the point stands"
+        raise reader.broken(node.at, what, "write decimals: N")
+    return exponent
+
+
+def _fill(reader: Reader, node: Node | None, size: object) -> bytes:
+    """Return the byte that fills the size up. Raises Broken."""
+    fill = b"0" if node is None or size is None else bytes((reader.byte(node),))
+    if node is not None and size is None:
+        raise reader.broken(node.at, "pad: fills a size up, and this number has none", "write digits: N, or a size")
+    if node is not None and fill != b"0" and fill in b"123456789+-.E":
+        what = f"{fill.hex().upper()} may stand in the number itself"
+        raise reader.broken(node.at, what, "fill it up with 20 (spaces) or 30 (zeros)")
+    return fill
+
+
+def _leading_digits(reader: Reader, keys: Keys, size: object, fill: bytes) -> int:
+    """Return the least number of digits before the point. Raises Broken where another key decides it."""
+    node = keys.get("digits")
+    if node is None:
+        return 1
+    digits = _digits(reader, node, 1)
+    if size is not None and fill == b"0":
+        what = "the size is filled up with zeros, digits: has no effect"
+        raise reader.broken(node.at, what, "leave digits out, or write pad: 20")
+    if keys.get("exponent") is not None:
+        what = "one digit stands before the point of a number with an exponent"
+        raise reader.broken(node.at, what, "leave digits out")
+    return digits
 
 
 def _digits(reader: Reader, node: Node | None, otherwise: int) -> int:

@@ -109,8 +109,14 @@ def _comment_in_brackets(line: str) -> int | None:
 
 def _explained(error: _Error) -> _Finding:
     """Return place, problem and remedy of an error, by the first rule that matches."""
-    found, start, words, context = error.found, error.start, error.words, error.context
-    sign, last = found.sign, found.last_sign
+    rules = (_in_line, _of_signs, _of_quotes, _of_brackets, _of_indentation)
+    first = next(filter(None, (rule(error) for rule in rules)), None)
+    return first or (error.found, "this is no valid YAML", "check quotes, brackets and indentation here")
+
+
+def _in_line(error: _Error) -> _Finding | None:
+    """Explain an error of tabs, of the depth, or of the `:` of a line."""
+    found, words, sign = error.found, error.words, error.found.sign
     if sign == "\t" or "tab character" in words:
         return found, "a tab stands here", "indent with spaces"
     if "nesting depth" in words:  # the limit of the library is reached first if it looks far ahead
@@ -123,18 +129,38 @@ def _explained(error: _Error) -> _Finding:
         return line_start, "this line does not fit the one above", todo
     if "unexpected ':'" in words:
         return found, "a space is missing behind ':'", "write key: value"
+    return None
+
+
+def _of_signs(error: _Error) -> _Finding | None:
+    """Explain a value or line that begins with a sign of YAML."""
+    found, start, words, context = error.found, error.start, error.words, error.context
+    sign = found.sign
     if "cannot start any token" in words:
         return found, f"a value cannot begin with '{sign}'", "put it in quotes"
     if re.search(r"an anchor|an alias|a tag|block scalar|tag handle", f"{context} {words}"):  # one of & * ! > |
         return start, f"a value cannot begin with '{start.sign or sign}'", "put it in quotes"
     if "directive" in context:
         return start, "a line cannot begin with '%'", "put the text in quotes"
+    return None
+
+
+def _of_quotes(error: _Error) -> _Finding | None:
+    """Explain an error inside or after a text in quotes."""
+    found, start, context = error.found, error.start, error.context
     if "quoted scalar" in context or "double-quoted" in context:
-        if "escape" in words:
+        if "escape" in error.words:
             return found, "a '\\' in double quotes changes what follows", "use single quotes, or write \\\\"
         return start, "the quote that opens here is not closed", "add the closing quote"
-    if last in ("'", '"') and sign not in ("", ":"):
+    if found.last_sign in ("'", '"') and found.sign not in ("", ":"):
         return found, "the value goes on behind its closing quote", QUOTE_EXPRESSION
+    return None
+
+
+def _of_brackets(error: _Error) -> _Finding | None:
+    """Explain an error inside brackets, or of brackets that do not match."""
+    found, words, context = error.found, error.words, error.context
+    sign, last = found.sign, found.last_sign
     if error.comment is not None and ("flow" in context or "node content" in words):
         # a # in brackets starts a comment that includes the closing brackets
         return error.comment, "everything behind '#' is a comment", "put the value in quotes"
@@ -142,11 +168,22 @@ def _explained(error: _Error) -> _Finding:
         return _in_brackets(error)
     if "node content" in words:
         return _nothing_there(error)
-    is_block = "expected key" in words or "block end" in words or "'-' indicator" in words
-    if is_block and last in _CLOSING.values():
+    if _is_of_block(words) and last in _CLOSING.values():
         if sign in _CLOSING.values():
             return found, f"there is a '{sign}' too many", "remove it"
         return found, f"the value goes on behind '{last}'", QUOTE_EXPRESSION
+    return None
+
+
+def _is_of_block(words: str) -> bool:
+    """Return whether YAML misses the key or the item of an indented block."""
+    return any(sign in words for sign in ("expected key", "block end", "'-' indicator"))
+
+
+def _of_indentation(error: _Error) -> _Finding | None:
+    """Explain a line that does not fit those above."""
+    found, start, words, context = error.found, error.start, error.words, error.context
+    is_block = _is_of_block(words)
     if "simple key" in context:
         return start, "this line has no ':'", "write it as key: value"
     if is_block and ("block collection" in context or "'-' indicator" in words):
@@ -156,7 +193,7 @@ def _explained(error: _Error) -> _Finding:
         return found, "this line is indented like none above it", "indent it like the keys it belongs to"
     if "document start" in words:
         return found, "something stands behind the end of the document", "remove the '...' above"
-    return found, "this is no valid YAML", "check quotes, brackets and indentation here"
+    return None
 
 
 def _in_brackets(error: _Error) -> _Finding:

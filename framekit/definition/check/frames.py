@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 
 from framekit.definition.codings import Hex
@@ -67,7 +67,9 @@ def check_frame(protocol: Protocol, frame: Frame, ends: FrameEnds) -> list[Probl
     if frame.delimited:
         found += _delimited(protocol, frame)
     found += _whole_size(frame, ends)
-    found += _there_or_not(frame)
+    found += _items_without_end(frame)
+    found += _hidden_options(frame)
+    found += _sizes_of_absent_numbers(frame)
     found += _counted_and_open(protocol, frame, ends)
     found += _keys(protocol, frame, ends)
     found += _shown_as(frame)
@@ -249,19 +251,24 @@ def _early_ends(frame: Frame, ends: FrameEnds) -> Iterator[Problem]:
             continue
         if not any(one.takes_bytes for one in inside[place + 1 :]) and frame.size is None:
             yield Problem(check.at, "nothing stands behind this check code that it could spare", todo)
-        head = sum(1 for _ in in_place_of_records(frame.head))
         open_part = next((one for one in inside[:place] if ends.reaches_on(one)), None)
-        if open_part is not None or (frame.delimited and place >= head):
-            shown = "the body" if open_part is None else open_part.title
-            what = f"only what follows shows where {shown} ends, and so where this check code stands"
-            yield Problem(check.at, what, f"give {shown} a size, or {todo}" if open_part is not None else todo)
-        covered = _covered_leaves(frame, check)
-        before = {id(leaf) for leaf in leaves(inside[:place])}
-        held = (one for one in inside[:place] if one.blocks and not (check.wire and one.is_there_inside))
-        apart = {id(leaf) for one in held for leaf in leaves((one,))}
-        if covered - before or covered & apart:
+        if open_part is not None:
+            what = f"only what follows shows where {open_part.title} ends, and so where this check code stands"
+            yield Problem(check.at, what, f"give {open_part.title} a size, or {todo}")
+        elif frame.delimited and place >= sum(1 for _ in in_place_of_records(frame.head)):
+            what = "only what follows shows where the body ends, and so where this check code stands"
+            yield Problem(check.at, what, todo)
+        if _covers_other_parts(frame, check, inside[:place]):
             what = "a check code that ends a frame covers what stands before it, and nothing in wraps or cases"
             yield Problem(check.at, what, f"name other segments in over, or {todo}")
+
+
+def _covers_other_parts(frame: Frame, check: Check, before: Sequence[Segment]) -> bool:
+    """Return whether a check covers parts that are not among the segments `before` it, or are in wraps or cases."""
+    covered = _covered_leaves(frame, check)
+    held = (one for one in before if one.blocks and not (check.wire and one.is_there_inside))
+    apart = {id(leaf) for one in held for leaf in leaves((one,))}
+    return bool(covered - {id(leaf) for leaf in leaves(before)} or covered & apart)
 
 
 def _covered_in_part(frame: Frame, check: Check) -> Iterator[Problem]:
@@ -690,23 +697,30 @@ def _counted_and_open(protocol: Protocol, frame: Frame, ends: FrameEnds) -> Iter
         yield Problem(segment.at, what, f"{todo}, so that the length ends it", warning=True)
 
 
-def _there_or_not(frame: Frame) -> Iterator[Problem]:
-    """Report parts that may be absent although another part needs them, and optional parts whose presence is
-    unknown.
-    """
+def _items_without_end(frame: Frame) -> Iterator[Problem]:
+    """Report parts of list items that reach as far as the bytes do."""
     for repeat in parts_of(frame.segments, Repeat):
         rest = next((one for one in repeat.inner_record or () if one.takes_rest), None)
         if rest is not None:
             what = f"nothing shows where {rest.title} ends in an item of '{repeat.name}'"
             yield Problem(rest.at, what, "give it a size, or a length or count in the item")
+
+
+def _hidden_options(frame: Frame) -> Iterator[Problem]:
+    """Report optional parts whose presence neither bytes nor given values show."""
     for optional in parts_of(frame.segments, Segment):
-        is_optional = optional.has_cases and optional.chooses_by is None
-        if is_optional and _may_be_nothing(optional.usual_block):
+        if not optional.has_cases or optional.chooses_by is not None:
+            continue
+        if _may_be_nothing(optional.usual_block):
             what = "the optional part may be there and take no bytes: nothing shows that it is there"
             yield Problem(optional.at, what, "put something into it that always takes bytes")
-        if is_optional and not any(one.may_be_given for one in flat(optional.usual_block)):
+        if not any(one.may_be_given for one in flat(optional.usual_block)):
             what = "the optional part is never there: no value of it is given"
             yield Problem(optional.at, what, "put a field into it, or take when: instead")
+
+
+def _sizes_of_absent_numbers(frame: Frame) -> Iterator[Problem]:
+    """Report sizes that use a length or count which may be absent."""
     absent = {
         one.path: one for kind in (Length, Count) for one in parts_of(frame.segments, kind) if one.when is not None
     }

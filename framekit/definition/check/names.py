@@ -337,23 +337,8 @@ class NameChecker:
     # ---- services -----------------------------------------------------------------------------------------
 
     def _service(self, row: ServiceRow) -> None:
-        offered = OFFERED if row.service in ("read", "write") else OFFERED - AS_NUMBERS
-        local = set(EXCHANGE | offered) | {argument.name for argument in row.takes}
-        if row.service in ("read", "write") or row.most_variables:
-            local |= {name for form in self.protocol.addresses for name in form.results}
-            local |= {part.name for form in self.protocol.addresses for part in parts_in(form)}
-        if row.serve is not None:
-            local |= row.serve.let.keys()
-            local |= set() if self.protocol.commands is None else IN_BLOCKS
-            if row.serve.each_as:
-                local.add(row.serve.each_as)
-            for part in (row.serve.read, row.serve.span):
-                alias = part.get("as") if isinstance(part, dict) else None
-                if isinstance(alias, Expression):
-                    local.add(alias.text)
+        local = self._names_of_row(row)
         run = None if row.run is None else row.run.root
-        for name in row.sequences & self.protocol.sequences.keys():
-            local |= self.protocol.sequences[name].gives.keys()
         if isinstance(run, Name) and run.name not in self.globally | local:
             hint = did_you_mean(run.name, self.protocol.sequences)
             self._note(run.at, f"there is no sequence '{run.name}' to run", hint)
@@ -370,6 +355,30 @@ class NameChecker:
             self._stored(row.serve.set)
             self._there(row, row.serve)
             self._stored([item for after in (block.then if block else ()) for item in after.set])
+
+    def _names_of_row(self, row: ServiceRow) -> set[str]:
+        """Return the names that the expressions of a row may use in addition to those of the protocol."""
+        offered = OFFERED if row.service in ("read", "write") else OFFERED - AS_NUMBERS
+        local = set(EXCHANGE | offered) | {argument.name for argument in row.takes}
+        if row.service in ("read", "write") or row.most_variables:
+            local |= {name for form in self.protocol.addresses for name in form.results}
+            local |= {part.name for form in self.protocol.addresses for part in parts_in(form)}
+        if row.serve is not None:
+            local |= self._names_of_serving(row.serve)
+        for name in row.sequences & self.protocol.sequences.keys():
+            local |= self.protocol.sequences[name].gives.keys()
+        return local
+
+    def _names_of_serving(self, serve: ServeWork) -> set[str]:
+        """Return the names that `serve` of a row gives."""
+        local = set(serve.let.keys()) | (set() if self.protocol.commands is None else IN_BLOCKS)
+        if serve.each_as:
+            local.add(serve.each_as)
+        for part in (serve.read, serve.span):
+            alias = part.get("as") if isinstance(part, dict) else None
+            if isinstance(alias, Expression):
+                local.add(alias.text)
+        return local
 
     def _of_one_variable(self, row: ServiceRow) -> None:
         """Note names of a single variable outside `each` in the request of a row with several variables."""

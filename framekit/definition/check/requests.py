@@ -28,6 +28,7 @@ from framekit.definition.expression import (
 from framekit.definition.fingerprint import fingerprint
 from framekit.definition.kinds.base import Segment
 from framekit.definition.model.frames import (
+    Frame,
     attributes_in,
     expressions_of,
     field_names,
@@ -35,7 +36,7 @@ from framekit.definition.model.frames import (
     names_read,
     parts_of,
 )
-from framekit.definition.model.procedure import Row
+from framekit.definition.model.procedure import Row, Sequence
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Data
 from framekit.definition.model.services import (
@@ -274,34 +275,43 @@ def check_stations(protocol: Protocol) -> Iterator[Problem]:
     """Report requests with a station that no device compares with its own: every device would answer them."""
     for name in dict.fromkeys(name for role in protocol.roles.values() for name in role.listens):
         sequences = protocol.called_from([name])
-        if protocol.station.type == "none" or not any(step.serve for one in sequences for step in one.steps):
+        if protocol.station.type != "none" and any(step.serve for one in sequences for step in one.steps):
+            yield from _stations_not_compared(protocol, name, sequences)
+
+
+def _requests_received(
+    protocol: Protocol, sequences: Collection[Sequence]
+) -> Iterator[tuple[ServiceRow, FrameOf, Frame]]:
+    """Yield the rows of services whose request these sequences receive, with request and frame."""
+    received = {frame for row in parts_of(sequences, Row) for frame in row.frames}
+    for row in protocol.service_rows:
+        frame = None if row.request is None else protocol.frames.get(row.request.frame)
+        if row.request is not None and frame is not None and frame.name in received and not row.client_only:
+            yield row, row.request, frame
+
+
+def _stations_not_compared(protocol: Protocol, name: str, sequences: Collection[Sequence]) -> Iterator[Problem]:
+    """Report fields with a station that the sequences which serve from sequence `name` on do not compare."""
+    nodes = [node for one in expressions_of(sequences) for node in walk(one.root)]
+    read = {node.name for node in nodes if isinstance(node, Attribute)}
+    compared = {field for node in nodes if isinstance(node, Compare) for field in _compared_with_own(node)}
+    reported: set[str] = set()
+    for _, made, frame in _requests_received(protocol, sequences):
+        if any("own" in names_in(rule.root) for rule in expressions_of(frame)):
+            continue  # a frame's own rules look at the station
+        if made.fields.keys() & compared:
             continue
-        taken = {frame for row in parts_of(sequences, Row) for frame in row.frames}
-        nodes = [node for one in expressions_of(sequences) for node in walk(one.root)]
-        read = {node.name for node in nodes if isinstance(node, Attribute)}
-        compared = {field for node in nodes if isinstance(node, Compare) for field in _compared_with_own(node)}
-        reported: set[str] = set()
-        for made in (row.request for row in protocol.service_rows if not row.client_only):
-            frame = None if made is None or made.frame not in taken else protocol.frames.get(made.frame)
-            if made is None or frame is None or any("own" in names_in(rule.root) for rule in expressions_of(frame)):
-                continue  # a frame's own rules look at the station
-            for field_name, value in made.fields.items():
-                named = isinstance(value, Expression) and "station" in names_in(value.root)
-                if (
-                    not named
-                    or field_name not in field_names(frame.segments)
-                    or field_name in read | reported
-                    or made.fields.keys() & compared
-                ):
-                    continue
-                reported.add(field_name)
-                what = (
-                    f"'{field_name}' of a request is not compared with the device's own station in '{name}', so every "
-                )
-                plain = isinstance(value, Expression) and isinstance(value.root, Name)
-                todo = "station: own" if plain else f"when: it.{field_name} == …"
-                todo = f"add {todo} to the row that receives it"
-                yield Problem(value.at, what + "device answers every station", todo, warning=True)
+        fields = field_names(frame.segments)
+        for field_name, value in made.fields.items():
+            has_station = isinstance(value, Expression) and "station" in names_in(value.root)
+            if not has_station or field_name not in fields or field_name in read | reported:
+                continue
+            reported.add(field_name)
+            what = f"'{field_name}' of a request is not compared with the device's own station in '{name}', so every "
+            plain = isinstance(value, Expression) and isinstance(value.root, Name)
+            todo = "station: own" if plain else f"when: it.{field_name} == …"
+            todo = f"add {todo} to the row that receives it"
+            yield Problem(value.at, what + "device answers every station", todo, warning=True)
 
 
 def check_settings(protocol: Protocol) -> Iterator[Problem]:
@@ -311,29 +321,27 @@ def check_settings(protocol: Protocol) -> Iterator[Problem]:
     sequences = protocol.called_from(listening)
     if not compared or not any(step.serve for one in sequences for step in one.steps):
         return
-    taken = {frame for row in parts_of(sequences, Row) for frame in row.frames}
     read = attributes_in(sequences)
     of_places = {name for form in protocol.addresses for name in form.names}
     reported: set[tuple[str, str]] = set()
-    for row in (row for row in protocol.service_rows if not row.client_only):
-        frame = None if row.request is None else protocol.frames.get(row.request.frame)
-        if row.request is None or frame is None or frame.name not in taken:
-            continue
+    for row, request, frame in _requests_received(protocol, sequences):
         hidden = of_places if row.service in ("read", "write") else {argument.name for argument in row.takes}
         own = compared - hidden
         seen = read | attributes_in([row.back, row.back_each, row.when, row.refuse, row.serve])
         ruled = names_read(frame)
-        for field_name, value in _leaves_of(row.request):
+        for field_name, value in _leaves_of(request):
             found = inverse_steps(value)
             if found is None or found[0] not in own - ruled or field_name in seen or (field_name, found[0]) in reported:
                 continue
             reported.add((field_name, found[0]))
-            what = f"'{field_name}' of a request is not compared with the device's parameter '{found[0]}', so a device"
-            todo = (
-                f"add station: own (or when: it.{field_name} == {value}) to the row that receives it; or, if only the "
-            )
-            todo += "client has this parameter, add from: client to it"
-            yield Problem(value.at, f"{what} answers requests to others", todo, warning=True)
+            yield _not_compared(field_name, value, found[0])
+
+
+def _not_compared(field_name: str, value: Expression, parameter: str) -> Problem:
+    what = f"'{field_name}' of a request is not compared with the device's parameter '{parameter}', so a device"
+    todo = f"add station: own (or when: it.{field_name} == {value}) to the row that receives it; or, if only the "
+    todo += "client has this parameter, add from: client to it"
+    return Problem(value.at, f"{what} answers requests to others", todo, warning=True)
 
 
 def check_of_client(protocol: Protocol) -> Iterator[Problem]:
