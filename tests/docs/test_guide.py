@@ -71,7 +71,7 @@ def test_every_key_of_a_behaviour_stands_in_an_example_of_its_page() -> None:
     assert of_all - shown == set()
 
 
-@pytest.mark.parametrize("page", PAGES, ids=name)
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "CHANGELOG.md"], ids=name)
 def test_links_lead_somewhere(page: Path) -> None:
     wrong = []
     for file, heading in links(page):
