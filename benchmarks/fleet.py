@@ -25,7 +25,7 @@ from typing import Any
 from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion
 
-from framekit.api.fleet import Fleet
+from framekit.extras.fleet.fleet import Fleet
 from framekit.sinks.broker import BrokerAccess, Place
 
 DEVICE = """device: meter
@@ -64,8 +64,8 @@ def work(paths: list[Path], ended: Any, results: Any) -> None:
 
 
 async def _work(paths: list[Path], ended: Any, results: Any) -> None:
-    from framekit.api.gateway import Gateway
     from framekit.api.run import AsyncRun, loaded
+    from framekit.extras.fleet.gateway import Gateway
 
     gateways, runs = [], []
     for path in paths:

@@ -48,7 +48,11 @@ class Extra(NamedTuple):
     importers: Mapping[str, Importer] = {}
     """By the suffix of the files, in lower case."""
     options: Mapping[str, str] = {}
-    """Objects that do the work of options of the core's verbs."""
+    """Objects that do the work of options of the core's verbs, and of sections of run files (`fleet:`)."""
+    sections: Mapping[str, str] = {}
+    """Sections of run files: functions that take the reader, the node and the folder, and return the section."""
+    schemas: Mapping[str, str] = {}
+    """Functions that return the schemas of these sections."""
     pip: str = ""
     """Extra of `pip install` with its libraries, if it cannot do without them."""
     library: str = ""
@@ -116,12 +120,30 @@ EXTRAS: dict[str, Extra] = {
         pip="web",
         library="starlette",
     ),
+    "screen": Extra(options={"--screen": "screen.display:show"}, pip="screen", library="textual"),
+    "commreq": Extra(
+        verbs={"Talk": {"commreq": Verb("explain or carry out command blocks", "framekit.extras.commreq.commreq_verb")}}
+    ),
+    "fleet": Extra(
+        verbs={
+            "Fleet": {
+                "fleet": Verb(
+                    "list the runs that report to a broker, and roll run files out", "framekit.extras.fleet.fleet_verb"
+                )
+            }
+        },
+        sections={"fleet": "fleet.section:read_fleet"},
+        schemas={"fleet": "fleet.section:fleet_schema"},
+        options={"fleet:": "fleet.gateway:Gateway"},
+    ),
 }
 """The extras, by the names of their folders."""
 
 GENERATORS = {name: one for extra in EXTRAS.values() for name, one in extra.generators.items()}
 IMPORTERS = {suffix: one for extra in EXTRAS.values() for suffix, one in extra.importers.items()}
 OPTIONS = {name: target for extra in EXTRAS.values() for name, target in extra.options.items()}
+SECTIONS = {name: target for extra in EXTRAS.values() for name, target in extra.sections.items()}
+SCHEMAS = {name: target for extra in EXTRAS.values() for name, target in extra.schemas.items()}
 
 
 def install_hints() -> dict[str, str]:

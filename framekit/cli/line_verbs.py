@@ -34,7 +34,7 @@ from framekit.cli.common import (
     why_not,
 )
 from framekit.cli.live_output import LiveOutput, live_output
-from framekit.cli.screen import LiveSession, show
+from framekit.cli.live_session import LiveSession, show
 from framekit.definition.problems import plural
 from framekit.transport.schemes import help_on_ports
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext, suppress
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, Protocol, Self, TypeVar
 
 from framekit.cli.common import (
     PortError,
@@ -32,17 +32,42 @@ from framekit.cli.common import (
     without_collecting,
 )
 from framekit.cli.live_output import LiveOutput, live_output
-from framekit.cli.screen import LiveSession, show
+from framekit.cli.live_session import LiveSession, show
 from framekit.cli.web_option import NoPage, add_web, page_of
 from framekit.definition.problems import error_text
+from framekit.extras_table import OPTIONS, load
 
 if TYPE_CHECKING:
-    from framekit.api.gateway import Gateway
     from framekit.api.monitor import LiveView
     from framekit.api.run import AsyncRun, Edit, OnSeen, RunCalls, RunModel, Tape, VirtualRun
     from framekit.cli.run_output import RunOutput
 
 R = TypeVar("R", "AsyncRun", "VirtualRun", "AsyncRun | VirtualRun")
+
+
+class FleetMember(Protocol):
+    """The membership of a run in its fleet, which the extra `fleet` brings."""
+
+    next_run: RunModel | None
+    """The run of a rolled-out file, which must begin because it cannot be edited in."""
+    over: asyncio.Event
+    """Set when the run must end because `next_run` must begin."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def begins(self, run: RunCalls) -> None:
+        """Report on this run from now on; it starts next."""
+
+    def has_begun(self) -> None:
+        """Report the start of the run."""
+
+    def has_failed(self, error: Exception) -> RunModel:
+        """Restore the previous file because the next run could not begin; return the previous run."""
+
+    def edited(self, model: RunModel, content: bytes) -> None:
+        """Report the run after an edit."""
 
 
 class Watched(NamedTuple):
@@ -222,7 +247,7 @@ class RealRun:
         self._ended = asyncio.Event()
         self._ended_at_once = asyncio.Event()
         """Set by a signal after the event `_ended`."""
-        self._gateway: Gateway | None = None
+        self._gateway: FleetMember | None = None
         self._run: AsyncRun | None = None
         self._left: int | None = None
         """Remaining duration (ns); None: until it is ended."""
@@ -249,12 +274,12 @@ class RealRun:
         if loaded.fleet is None:
             return nullcontext()
         from framekit.api.errors import RequestError
-        from framekit.api.gateway import Gateway
 
         try:
-            self._gateway = Gateway(self.path, loaded, self.began_with.content or b"")
+            self._gateway = load(OPTIONS["fleet:"])(self.path, loaded, self.began_with.content or b"")
         except RequestError as error:
             raise VerbError(str(error)) from None
+        assert self._gateway is not None
         return self._gateway
 
     def _begun(self, loaded: RunModel, page: NoPage) -> AsyncRun:

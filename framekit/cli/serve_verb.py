@@ -33,7 +33,7 @@ from framekit.cli.common import (
     without_collecting,
 )
 from framekit.cli.live_output import LiveOutput, live_output
-from framekit.cli.screen import LiveSession, show
+from framekit.cli.live_session import LiveSession, show
 from framekit.cli.web_option import NoPage, add_web, page_of
 from framekit.transport.schemes import help_on_ports
 

@@ -27,7 +27,6 @@ _CORE: dict[str, dict[str, Verb]] = {
         "write": Verb("write values into a device", "framekit.cli.device_verbs"),
         "call": Verb("run another service of a device", "framekit.cli.device_verbs"),
         "scan": Verb("find stations, their speed and format, by harmless requests", "framekit.cli.scan_verb"),
-        "commreq": Verb("explain or carry out command blocks", "framekit.cli.commreq_verb"),
     },
     "Run": {
         "run": Verb("carry out a run file", "framekit.cli.run_verb"),
@@ -44,9 +43,6 @@ _CORE: dict[str, dict[str, Verb]] = {
     "Generate": {
         "generate": Verb("write stand-alone code from a definition", "framekit.cli.generate_verb"),
         "completion": Verb("print a shell's completion script", "framekit.cli.completion_verb", uses_cache=False),
-    },
-    "Fleet": {
-        "fleet": Verb("list the runs that report to a broker, and roll run files out", "framekit.cli.fleet_verb"),
     },
 }
 """The verbs of the core; extras bring others."""

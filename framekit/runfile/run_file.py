@@ -26,6 +26,7 @@ from framekit.definition.nodes import Mapping as MappingNode
 from framekit.definition.problems import NOWHERE, DefinitionError, Problem, did_you_mean
 from framekit.definition.sources import edited_texts
 from framekit.definition.times import MOST_STATIONS
+from framekit.extras_table import SECTIONS, load
 from framekit.link.addresses import AddressGrammar
 from framekit.memory.profile import BlockWords, MemoryProfile, load_profile, load_profile_node, read_scan
 from framekit.run.block_words import check_items, status_sections, words_of
@@ -46,7 +47,6 @@ from framekit.run.own_memory import AnyAddresses, addresses_of, stored_by
 from framekit.runfile.blocks import BlockLoader
 from framekit.runfile.channels import ChannelLoader
 from framekit.runfile.devices import check_profile, start_values
-from framekit.runfile.fleet import read_fleet
 from framekit.runfile.job_profiles import load_job_profile
 from framekit.runfile.points import PointsLoader
 from framekit.runfile.ports import doubled_ports
@@ -129,7 +129,9 @@ class RunLoader:
         written = named if points.is_complete else None
         sinks = SinksLoader(self.reader, self.path, written, points.names, "" if state is None else state.file)
         sink_kinds = sinks.load(self.root.get("sinks"))
-        fleet = self.reader.maybe(lambda node: read_fleet(self.reader, node, self.path.parent), self.root.get("fleet"))
+        fleet = self.reader.maybe(
+            lambda node: load(SECTIONS["fleet"])(self.reader, node, self.path.parent), self.root.get("fleet")
+        )
         self.reader.problems.extend(doubled_ports(channels.values(), sink_kinds))
         if profile is None:
             raise Broken("memory")

@@ -18,12 +18,12 @@ from framekit.definition.nodes import LANGUAGE
 from framekit.definition.schema import FIRST_KEYS
 from framekit.definition.sources import shipped_folder
 from framekit.definition.wire_types import TYPES
+from framekit.extras_table import SCHEMAS, load
 from framekit.memory.views import ORDERS, VIEWS
 from framekit.run.behaviours import BEHAVIOURS
 from framekit.run.behaviours import schema_of as schema_of_behaviour
 from framekit.run.triggers import TRIGGERS
 from framekit.runfile import behave as behave  # registers a kind of behaviour
-from framekit.runfile.fleet import fleet_schema
 from framekit.sinks import SINKS
 from framekit.sinks.base import schema_of
 
@@ -61,7 +61,7 @@ def with_tables(schemas: Schemas) -> Schemas:
     block = schemas["run.schema.json"]["$defs"]["block"]["properties"]
     block.update((key, schema) for kind in TRIGGERS.values() for key, schema in kind.schemas.items())
     with_kinds(schemas["run.schema.json"]["$defs"], "sink", {word: schema_of(kind) for word, kind in SINKS.items()})
-    schemas["run.schema.json"]["$defs"]["fleet"] = fleet_schema()
+    schemas["run.schema.json"]["$defs"].update((name, load(target)()) for name, target in SCHEMAS.items())
     behaviours = {word: schema_of_behaviour(kind) for word, kind in BEHAVIOURS.items()}
     with_kinds(schemas["device.schema.json"]["$defs"], "behaviour", behaviours)
     point = schemas["points.schema.json"]["$defs"]["point"]["properties"]

@@ -7,9 +7,9 @@ from functools import cache
 import pytest
 
 from framekit.definition.load.protocol import load_protocol
+from framekit.extras.commreq.command_meaning import Meaning, meaning_of
 from framekit.link.scope import Scope
 from framekit.memory.memory import DeviceMemory
-from framekit.run.command_meaning import Meaning, meaning_of
 from framekit.run.commands import CommandBlocks, CommandFaultError, bytes_of
 from framekit.runfile.devices import memory_of
 from framekit.runfile.job_profiles import load_job_profile

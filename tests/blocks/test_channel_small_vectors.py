@@ -6,10 +6,10 @@ from pathlib import Path
 
 from framekit.definition.load.protocol import load_protocol
 from framekit.definition.problems import NOWHERE
+from framekit.extras.commreq.command_meaning import meaning_of
 from framekit.link.scope import Scope
 from framekit.memory.memory import DeviceMemory
 from framekit.memory.views import as_signed
-from framekit.run.command_meaning import meaning_of
 from framekit.run.commands import CommandBlocks, bytes_of, words_of
 from framekit.run.model import CodeClass
 from framekit.runfile.blocks import commands_for

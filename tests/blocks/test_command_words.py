@@ -7,10 +7,10 @@ from functools import cache
 import pytest
 
 from framekit.definition.load.protocol import load_protocol
+from framekit.extras.commreq.command_meaning import Meaning, meaning_of
 from framekit.link.conversation import default_line
 from framekit.link.scope import Scope
 from framekit.memory.memory import DeviceMemory
-from framekit.run.command_meaning import Meaning, meaning_of
 from framekit.run.commands import CommandBlocks, CommandFaultError, bytes_of, words_of
 from framekit.runfile.devices import memory_of
 

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 import framekit
-from framekit.cli.commreq_verb import CommandOutput
 from framekit.cli.main import main
+from framekit.extras.commreq.commreq_verb import CommandOutput
 
 DEVICE = 'device: plc\nprotocol: srtp\nmemory: {sizes: {"%R1": 100}, set: {"%R50": [1, 2, 3, 4, 5, 6, 7, 8]}}\n'
 

@@ -12,9 +12,9 @@ from typing import Any
 
 import pytest
 
-from framekit.cli.commreq_verb import NO_ANSWER, JobCommands, carry_out_jobs
 from framekit.cli.parser import build_parser
 from framekit.definition.load.protocol import load_protocol
+from framekit.extras.commreq.commreq_verb import NO_ANSWER, JobCommands, carry_out_jobs
 from framekit.run.job_table import JobSlot, status_of
 
 

@@ -12,11 +12,11 @@ from typing import Any, cast
 
 import pytest
 
-from framekit.api import gateway
 from framekit.api.run import AsyncRun, RunModel
 from framekit.cli.live_output import LiveOutput, live_output
 from framekit.cli.run_output import TextOutput
 from framekit.cli.run_verb import RealRun, RunWatch, Watched, add_run_arguments
+from framekit.extras.fleet import gateway
 from framekit.runfile.run_file import load_run
 
 RUN = """\

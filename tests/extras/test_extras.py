@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from framekit.cli import verb_table
-from framekit.extras_table import EXTRAS, GENERATORS, IMPORTERS, OPTIONS, load
+from framekit.extras_table import EXTRAS, GENERATORS, IMPORTERS, OPTIONS, SCHEMAS, SECTIONS, load
 
 ROOT = Path(__file__).parents[2] / "framekit"
 
@@ -31,7 +31,7 @@ def imported_at_once(tree: ast.Module) -> list[str]:
 def test_only_functions_import_extras() -> None:
     outside = [path for path in ROOT.rglob("*.py") if (ROOT / "extras") not in path.parents]
     imports = {path: imported_at_once(ast.parse(path.read_text("utf-8"))) for path in outside}
-    assert len(imports) > 300
+    assert len(imports) > 200
     assert [
         str(path) for path, names in imports.items() if any(f"{name}.".startswith("framekit.extras.") for name in names)
     ] == []
@@ -48,9 +48,13 @@ def test_each_folder_of_extras_has_a_row() -> None:
     assert folders == EXTRAS.keys()
 
 
-@pytest.mark.parametrize(
-    "target", [*OPTIONS.values(), *(one.target for one in (*GENERATORS.values(), *IMPORTERS.values()))]
-)
+BROUGHT = [
+    *(target for table in (OPTIONS, SECTIONS, SCHEMAS) for target in table.values()),
+    *(one.target for table in (GENERATORS, IMPORTERS) for one in table.values()),
+]
+
+
+@pytest.mark.parametrize("target", BROUGHT)
 def test_what_an_extra_brings_exists(target: str) -> None:
     assert callable(load(target))
 
@@ -58,12 +62,12 @@ def test_what_an_extra_brings_exists(target: str) -> None:
 def test_help_names_the_verbs_of_an_extra_without_its_library_and_says_how_to_install_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "starlette" else object())
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name in ("starlette", "textual") else object())
     lines = [line for line in verb_table.overview().splitlines() if "pip install" in line]
     assert len(lines) == 1
     assert lines[0].startswith("  edit ") and lines[0].endswith("– first pip install 'framekit[web]'")
 
 
 def test_extras_that_need_libraries_are_named_as_their_pip_extra() -> None:
-    assert [name for name, extra in EXTRAS.items() if extra.library] == ["web"]
-    assert all(bool(extra.pip) == bool(extra.library) for extra in EXTRAS.values())
+    assert [name for name, extra in EXTRAS.items() if extra.library] == ["web", "screen"]
+    assert all(extra.pip == (name if extra.library else "") for name, extra in EXTRAS.items())

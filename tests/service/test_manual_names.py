@@ -9,9 +9,9 @@ import pytest
 from command_world import SECOND, CommandWorld, text_words
 
 import framekit
-from framekit.api.commands import application_of, blocks_of
 from framekit.cli.common import load
 from framekit.cli.main import main
+from framekit.extras.commreq.commands import application_of, blocks_of
 
 DEVICE = """device: plc
 protocol: snp

@@ -19,9 +19,9 @@ from typing import Any
 import pytest
 from points.mosquitto import Broker, Listener, needs_mosquitto
 
-from framekit.api.fleet import Fleet, Member
 from framekit.api.replaced_file import ReplacedFile, digest_of
 from framekit.cli.main import main
+from framekit.extras.fleet.fleet import Fleet, Member
 from framekit.sinks.broker import BrokerAccess, Place
 
 TOKEN = "a token of many letters"

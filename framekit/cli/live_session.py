@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from framekit.extras_table import OPTIONS, load
+
 if TYPE_CHECKING:
     from framekit.api.monitor import LiveView
 
@@ -43,3 +45,8 @@ class LiveSession:
 
     async def end(self) -> None:
         raise NotImplementedError
+
+
+def show(session: LiveSession) -> int:
+    """Show a session on the live display of the extra; return the exit status. Raises VerbError, DefinitionError."""
+    return int(load(OPTIONS["--screen"])(session))

@@ -31,10 +31,18 @@ from framekit.codec.shown import code_text
 
 if TYPE_CHECKING:
     from framekit import Client, Failure
-    from framekit.api.commands import CommandBlocks, CommandEnd, JobLine, JobProfile, JobStatus, Meaning, Span
     from framekit.api.settings import ClientSettings
     from framekit.cli.live_output import LiveOutput
     from framekit.definition.model.protocol import Protocol
+    from framekit.extras.commreq.commands import (
+        CommandBlocks,
+        CommandEnd,
+        JobLine,
+        JobProfile,
+        JobStatus,
+        Meaning,
+        Span,
+    )
 
 
 NO_COMMAND = 2
@@ -65,7 +73,7 @@ def add_commreq_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_commreq(arguments: argparse.Namespace) -> int:
-    from framekit.api.commands import application_of, blocks_of
+    from framekit.extras.commreq.commands import application_of, blocks_of
 
     protocol = load(arguments.protocol)
     application = application_of(protocol, arguments.commands, arguments.protocol)
@@ -82,7 +90,7 @@ def run_commreq(arguments: argparse.Namespace) -> int:
 
 def _carry_out(application: Protocol, protocol: Protocol, records: list[bytes], arguments: argparse.Namespace) -> int:
     """Carry out the commands until one fails; return the exit status."""
-    from framekit.api.commands import has_jobs
+    from framekit.extras.commreq.commands import has_jobs
 
     if has_jobs(application):
         return carry_out_jobs(application, protocol, records, arguments)
@@ -107,7 +115,7 @@ def _carry_out(application: Protocol, protocol: Protocol, records: list[bytes], 
 
 def explain(blocks: CommandBlocks, protocol: Protocol, data: bytes, arguments: argparse.Namespace) -> int:
     """Print the meaning of a command block; return the exit status."""
-    from framekit.api.commands import CommandFaultError, meaning_in
+    from framekit.extras.commreq.commands import CommandFaultError, meaning_in
 
     try:
         meaning = meaning_in(blocks, protocol, data)
@@ -177,7 +185,7 @@ def _words_of(file: str) -> list[str]:
 
 def _record(blocks: CommandBlocks, given: list[str]) -> bytes:
     """Return the command block from words. Raises ValueError."""
-    from framekit.api.commands import record_of
+    from framekit.extras.commreq.commands import record_of
 
     plain = [text for text in given if "=" not in text]
     return record_of(blocks.words, plain, assignments(text for text in given if "=" in text))
@@ -193,8 +201,8 @@ class CommandOutput:
     """Output of the effects of commands on an own memory, which begins with zeros and the values of --set."""
 
     def __init__(self, blocks: CommandBlocks, protocol: Protocol, arguments: argparse.Namespace) -> None:
-        from framekit.api.commands import CommandMemory
         from framekit.api.errors import RequestError
+        from framekit.extras.commreq.commands import CommandMemory
 
         self.arguments = arguments
         self.memory = CommandMemory(blocks, protocol)
@@ -236,7 +244,7 @@ class CommandRun:
 
     def carry_out(self, data: bytes) -> int:
         """Carry out a command and print its result; return the exit status."""
-        from framekit.api.commands import CommandFaultError
+        from framekit.extras.commreq.commands import CommandFaultError
 
         try:
             meaning, place = self.output.meaning(data)
@@ -270,10 +278,10 @@ def carry_out_jobs(
     application: Protocol, protocol: Protocol, records: list[bytes], arguments: argparse.Namespace
 ) -> int:
     """Carry out commands for jobs; return the exit status. Raises VerbError, DefinitionError."""
-    from framekit.api.commands import profile_of
     from framekit.api.errors import FramekitError
     from framekit.cli.device_verbs import failed, settings_of
     from framekit.cli.live_output import live_output
+    from framekit.extras.commreq.commands import profile_of
 
     profile = profile_of(application)
     try:
@@ -312,10 +320,10 @@ class JobCommands:
         """Carry out the commands one after the other, then the jobs until they are over or stopped; return the exit
         status.
         """
-        from framekit.api.commands import blocks_on, line_of_jobs
         from framekit.api.errors import RequestError
         from framekit.cli.device_verbs import show
         from framekit.definition.problems import DefinitionError
+        from framekit.extras.commreq.commands import blocks_on, line_of_jobs
 
         self.live.on_stop(self._stop)
         self.live.stops(self._stop)
@@ -368,7 +376,7 @@ class JobCommands:
 
     async def _command(self, line: JobLine, output: CommandOutput, data: bytes) -> int:
         """Give a command, and print it when it has its status word; return the exit status."""
-        from framekit.api.commands import CommandFaultError
+        from framekit.extras.commreq.commands import CommandFaultError
 
         ended: list[Failure | None] = []
 
@@ -400,7 +408,7 @@ class JobCommands:
     def _end(self, failure: Failure | None) -> tuple[CommandEnd, int]:
         """Return the end of a command and the exit status; a command that is only late has not failed yet."""
         from framekit import Failure
-        from framekit.api.commands import CommandEnd
+        from framekit.extras.commreq.commands import CommandEnd
 
         words = self.profile.words
         word = words["good"] if failure is None else failure.device_code or 0

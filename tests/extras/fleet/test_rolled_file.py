@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from framekit.api.replaced_file import ReplacedFile
-from framekit.api.rolled_file import check_apart, more_than, refusal
 from framekit.definition.problems import DefinitionError
+from framekit.extras.fleet.rolled_file import check_apart, more_than, refusal
 from framekit.runfile.run_file import load_run
 
 DEVICE = "device: meter\nprotocol: modbus-tcp\nstation: 1\n"

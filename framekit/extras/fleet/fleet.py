@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING, Any, Self
 
 from framekit.api.errors import RequestError
 from framekit.definition.problems import error_text, library_missing
-from framekit.runfile.fleet import GROUP as GROUP
-from framekit.runfile.fleet import name_of as name_of
+from framekit.extras.fleet.section import GROUP as GROUP
+from framekit.extras.fleet.section import name_of as name_of
 from framekit.sinks.broker import KEEPALIVE, LONGEST_CONNECT, BrokerAccess
 
 if TYPE_CHECKING:

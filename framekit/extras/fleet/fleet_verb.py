@@ -25,7 +25,7 @@ from framekit.cli.live_output import LiveOutput, live_output
 from framekit.definition.problems import printable
 
 if TYPE_CHECKING:
-    from framekit.api.fleet import Fleet, GatewayAnswer, Member
+    from framekit.extras.fleet.fleet import Fleet, GatewayAnswer, Member
     from framekit.sinks.broker import BrokerAccess
     from framekit.sinks.secrets import Secret
 
@@ -57,7 +57,7 @@ def add_fleet_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_fleet(arguments: argparse.Namespace) -> int:
-    from framekit.api.fleet import GROUP, Fleet, file_of, name_of
+    from framekit.extras.fleet.fleet import GROUP, Fleet, file_of, name_of
 
     refuse_useless(arguments)
     duration = duration_of(arguments.duration)

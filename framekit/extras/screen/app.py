@@ -21,7 +21,7 @@ from framekit.definition.problems import plural, printable
 if TYPE_CHECKING:
     from framekit.api.monitor import LineOf, LiveView
     from framekit.api.rows import FrameEntry
-    from framekit.cli.screen.session import LiveSession
+    from framekit.cli.live_session import LiveSession
 
 
 MOST_ROWS = 500

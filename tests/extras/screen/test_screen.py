@@ -31,7 +31,7 @@ from textual.pilot import Pilot
 from textual.widgets import DataTable, Input, Static
 from textual.widgets.data_table import RowKey
 
-from framekit.cli.screen.app import MonitorApp
+from framekit.extras.screen.app import MonitorApp
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 SECOND = 1_000_000_000
@@ -315,7 +315,7 @@ def test_without_control_there_is_no_key_for_it() -> None:
 @pytest.fixture
 def terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     """As if what is written to were a terminal."""
-    monkeypatch.setattr("framekit.cli.screen.has_terminal", lambda: True)
+    monkeypatch.setattr("framekit.extras.screen.display.has_terminal", lambda: True)
 
 
 def test_a_port_that_is_none_is_told(terminal: None, capsys: pytest.CaptureFixture[str]) -> None:
@@ -357,7 +357,7 @@ def test_the_syntax_of_filters() -> None:
 def test_without_textual_it_says_what_is_missing(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.delitem(sys.modules, "framekit.cli.screen.app", raising=False)
+    monkeypatch.delitem(sys.modules, "framekit.extras.screen.app", raising=False)
     monkeypatch.setitem(sys.modules, "textual.app", None)
     assert main(["run", str(PLC), "--virtual", "--screen"]) == 1
     assert "install framekit with the extra 'screen': pip install '.[screen]'" in capsys.readouterr().err

@@ -43,7 +43,10 @@ DATA_ENDINGS = frozenset(
     (".csv", ".tsv", ".txt", ".log", ".jsonl", ".ndjson", ".json", ".db", ".sqlite", ".sqlite3", ".parquet", ".state")
 )
 """Endings of the files that a rolled file may create."""
-_PROGRAM = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from framekit.api.rolled_file import main; main()"
+_PROGRAM = (
+    "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
+    "from framekit.extras.fleet.rolled_file import main; main()"
+)
 
 
 async def check_apart(path: Path, content: bytes, limit: float = LONGEST_CHECK) -> None:

@@ -15,6 +15,8 @@ from framekit.definition.model.frames import parts_of
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import JobWork
 from framekit.definition.problems import Position, did_you_mean, no_such
+from framekit.extras.commreq.command_meaning import Meaning as Meaning
+from framekit.extras.commreq.command_meaning import meaning_of
 from framekit.link.addresses import Address, AddressError
 from framekit.link.conversation import default_line
 from framekit.link.events import Monitor
@@ -22,8 +24,6 @@ from framekit.link.packing import values_of
 from framekit.link.scope import Scope
 from framekit.link.services.areas import Span as Span
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
-from framekit.run.command_meaning import Meaning as Meaning
-from framekit.run.command_meaning import meaning_of
 from framekit.run.commands import CommandBlocks as CommandBlocks
 from framekit.run.commands import CommandEnd as CommandEnd
 from framekit.run.commands import CommandFaultError as CommandFaultError

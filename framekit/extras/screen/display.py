@@ -5,9 +5,7 @@ from __future__ import annotations
 import sys
 
 from framekit.cli.common import VerbError, WordsError
-from framekit.cli.screen.session import LiveSession
-
-__all__ = ["LiveSession", "show"]
+from framekit.cli.live_session import LiveSession
 
 MISSING = (
     "the live display needs textual – install framekit with the extra 'screen': pip install '.[screen]' in its folder"
@@ -28,7 +26,7 @@ def show(session: LiveSession) -> int:
     Raises VerbError, DefinitionError.
     """
     try:
-        from framekit.cli.screen.app import MonitorApp
+        from framekit.extras.screen.app import MonitorApp
     except ModuleNotFoundError as error:
         if (error.name or "").split(".")[0] not in ("textual", "rich"):
             raise

@@ -20,7 +20,11 @@ from typing import TYPE_CHECKING, Any, Self
 
 from framekit import __version__
 from framekit.api.errors import RequestError
-from framekit.api.fleet import (
+from framekit.api.replaced_file import ReplacedFile, digest_of
+from framekit.api.run import RunCalls, content_of
+from framekit.definition.fingerprint import fingerprint
+from framekit.definition.problems import DefinitionError, error_text, library_missing
+from framekit.extras.fleet.fleet import (
     BIRTH,
     HEALTH,
     LARGEST_FILE,
@@ -37,14 +41,10 @@ from framekit.api.fleet import (
     signature,
     topic,
 )
-from framekit.api.replaced_file import ReplacedFile, digest_of
-from framekit.api.rolled_file import MOST_REPORTED, check_apart, files_of_before, more_than, refusal
-from framekit.api.run import RunCalls, content_of
-from framekit.definition.fingerprint import fingerprint
-from framekit.definition.problems import DefinitionError, error_text, library_missing
+from framekit.extras.fleet.rolled_file import MOST_REPORTED, check_apart, files_of_before, more_than, refusal
+from framekit.extras.fleet.section import FleetSection
 from framekit.run.edit import Edit
 from framekit.run.model import RunModel
-from framekit.runfile.fleet import FleetSection
 from framekit.runfile.run_file import load_run
 from framekit.sinks.broker import KEEPALIVE
 

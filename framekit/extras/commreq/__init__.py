@@ -1,0 +1,1 @@
+"""Explain and carry out command blocks (`framekit commreq`)."""

@@ -1,0 +1,1 @@
+"""Show runs, devices and lines live in a terminal (`--screen`)."""
