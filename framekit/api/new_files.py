@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -122,18 +123,48 @@ def new_protocol(name: str, folder: Path) -> list[Path]:
     They are a working definition (an example to replace), vectors, a simulated device, a test and a readme. Raises
     RequestError for an invalid name and for a folder in use; OSError.
     """
-    if not _NAME.fullmatch(name) or len(name) > LONGEST_NAME:
-        what = f"'{name}' cannot name a protocol: small letters, digits and single hyphens, a letter first"
-        raise RequestError(f"{what}, {LONGEST_NAME} at most")
+    check_new_name(name, "protocol")
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise RequestError(f"{folder} is there already, and nothing in it is written over – name another folder by -o")
-    module = f"framekit_{name.replace('-', '_')}"
-    words = {"name": name, "module": module, "package": f"framekit-{name}"}
+    words = _words(name)
     source, written = TEMPLATES / "protocol", []
     for template in sorted(source.rglob(f"*{_TEMPLATE}")):
         place = str(template.relative_to(source)).removesuffix(_TEMPLATE)
-        path = folder / place.replace("MODULE", module).replace("NAME", name)
+        path = folder / place.replace("MODULE", words["module"]).replace("NAME", name)
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(Template(template.read_text("utf-8")).substitute(words), "utf-8")
+        path.write_text(_filled(template, words), "utf-8")
         written.append(path)
     return written
+
+
+def check_new_name(name: str, what: str) -> None:
+    """Raise RequestError for a name that a new protocol or file cannot have."""
+    if not _NAME.fullmatch(name) or len(name) > LONGEST_NAME:
+        words = f"'{name}' cannot name a {what}: small letters, digits and single hyphens, a letter first"
+        raise RequestError(f"{words}, {LONGEST_NAME} at most")
+
+
+def _words(name: str) -> dict[str, str]:
+    return {"name": name, "module": f"framekit_{name.replace('-', '_')}", "package": f"framekit-{name}"}
+
+
+def _filled(template: Path, words: Mapping[str, str]) -> str:
+    return Template(template.read_text("utf-8")).substitute(words)
+
+
+# ---- a file ---------------------------------------------------------------------------------------------------
+
+
+NEW_KINDS = {"protocol": ".yaml", "device": ".device.yaml", "run": ".run.yaml", "points": ".points.yaml"}
+"""The kinds of files that have a template, each with the end of its file name."""
+
+
+def new_text(kind: str, name: str, **words: str) -> str:
+    """Return the text of a new file of a kind of NEW_KINDS; `words`: the values of its template.
+
+    Raises RequestError for an invalid name.
+    """
+    check_new_name(name, kind)
+    if kind == "protocol":
+        return _filled(TEMPLATES / "protocol" / "MODULE" / f"NAME.yaml{_TEMPLATE}", _words(name))
+    return _filled(TEMPLATES / "files" / f"{kind}.yaml{_TEMPLATE}", {"name": name, **words})

@@ -219,7 +219,7 @@ def trouble_row(one: Trouble, now: int) -> tuple[str, ...]:
 
 
 def station_row(one: StationStatus) -> tuple[str, ...]:
-    state = "dead" if one.dead else "answers" if one.done else "-"
+    state = "dead" if one.dead else "answers" if one.answers else "no answer" if one.failed else "-"
     return str(one.channel), str(shown(one.station)), state, str(one.blocks), str(one.done), str(one.failed)
 
 

@@ -44,6 +44,8 @@ from framekit.run.trouble import TroubleReport as TroubleReport
 from framekit.runfile.run_file import load_run, only_reading
 from framekit.service.capture import Capture
 from framekit.service.channel import ChannelService
+from framekit.service.device import DeviceStore
+from framekit.service.points import DevicePoints, begun_points
 from framekit.service.run import RunService
 from framekit.service.run_status import run_status as run_status
 from framekit.service.state import StateError
@@ -197,13 +199,16 @@ class RunCalls:
     `monitor` gets the same events as `on_seen`, but at once, in the middle of the event: it must not call the run; a
     tape gets them as records. `capture` is a file for the traffic of the lines; `lost` lists after the end the data
     missing in it. `on_channel` is called for channels that are added later, and for those that an edit changes.
+    `offers_faults`: simulated devices have faults that can be switched on, in addition to their own.
     """
 
     def __init__(
         self, run: RunModel, clock: Clock, do: Do, on_end: OnBlockEnd | None, on_seen: OnSeen | None,
         monitor: OnSeen | Tape | None = None, capture: Path | None = None, after: RunCalls | None = None,
+        offers_faults: bool = False,
     ) -> None:  # fmt: skip
         self.run = run
+        self._offers_faults = offers_faults
         self.lost: list[str] = []
         self.on_channel: Callable[[int], None] = lambda number: None
         self._do = do
@@ -225,7 +230,7 @@ class RunCalls:
         try:
             watch: OnSeen | Tape | None = monitor if self._told_seen is None else self._seen
             on_end = None if self._told_end is None else self._ended
-            return RunService(self.run, self._clock, watch, on_end, after=after)
+            return RunService(self.run, self._clock, watch, on_end, after=after, offers_faults=self._offers_faults)
         except DefinitionError:
             raise
         except StateError as error:
@@ -521,6 +526,30 @@ class RunCalls:
         known = ", ".join(service.device.name for service in self._service.devices) or "none"
         raise RequestError(f"there is no simulated device '{name}' – known: {known}")
 
+    @property
+    def simulated(self) -> list[tuple[int, DeviceStore]]:
+        """Return the channel and the data of each simulated device; a device over two protocols has one of them."""
+        found: list[tuple[int, DeviceStore]] = self._do(
+            lambda: [
+                (number, one.store)
+                for number, devices in self._service.devices_on.items()
+                for one in devices
+                if not one.device.shares
+            ]
+        )
+        return found
+
+    def device_points(self) -> list[DevicePoints]:
+        """Return for each of `simulated` the values with a behaviour or a start value, updated until they are stopped.
+
+        Call it in the thread of the run.
+        """
+        return begun_points([store for _, store in self.simulated], self._clock)
+
+    def points_of(self, device: DevicePoints) -> RunPoints:
+        """Return the values of a device by name."""
+        return RunPoints(device.service, self._do)
+
 
 def _line_of(channel: ChannelService) -> LineOf:
     model = channel.channel
@@ -655,10 +684,13 @@ class VirtualRun(RunCalls, Stopping):
 
     def __init__(
         self, run: str | Path | RunModel, *, on_end: OnBlockEnd | None = None, on_seen: OnSeen | None = None,
-        monitor: OnSeen | Tape | None = None, capture: Path | None = None,
+        monitor: OnSeen | Tape | None = None, capture: Path | None = None, offers_faults: bool = False,
     ) -> None:  # fmt: skip
         self._virtual = VirtualClock()
-        super().__init__(loaded(run), self._virtual, lambda action: action(), on_end, on_seen, monitor, capture)
+        super().__init__(
+            loaded(run), self._virtual, lambda action: action(), on_end, on_seen, monitor, capture,
+            offers_faults=offers_faults,
+        )  # fmt: skip
 
     def start(self) -> None:
         """Open the ports and arm the triggers. Raises RequestError after the stop."""
@@ -704,15 +736,19 @@ class AsyncRun(RunCalls):
 
     Its memory may be used before the start. `on_end(status, ok)` and `on_seen(channel, seen)` are called in the loop.
     `after`: the run before it in this loop, ended; late replies to requests of that run are not taken for its own.
+    `offers_faults`: simulated devices have faults that can be switched on, in addition to their own.
     Raises DefinitionError for a wrong file, RequestError for a port of no known kind.
     """
 
     def __init__(
         self, run: str | Path | RunModel, *, on_end: OnBlockEnd | None = None, on_seen: OnSeen | None = None,
         monitor: OnSeen | Tape | None = None, capture: Path | None = None, after: AsyncRun | None = None,
+        offers_faults: bool = False,
     ) -> None:  # fmt: skip
         clock = AsyncioClock(asyncio.get_running_loop())
-        super().__init__(loaded(run), clock, lambda action: action(), on_end, on_seen, monitor, capture, after)
+        super().__init__(
+            loaded(run), clock, lambda action: action(), on_end, on_seen, monitor, capture, after, offers_faults
+        )
 
     def start(self) -> None:
         """Open the ports and arm the triggers. Raises RequestError after the stop."""

@@ -25,12 +25,11 @@ from framekit.run.model import DEFAULT_LIMITS, ConnectionLimits, Network, in_bot
 from framekit.run.trouble import TroubleReport
 from framekit.runfile.channels import line_of
 from framekit.runfile.devices import Device as Device
-from framekit.runfile.devices import DeviceSettings, load_devices, with_faults
-from framekit.runfile.fault_plans import offered_faults
+from framekit.runfile.devices import DeviceSettings, load_devices, offering_faults, with_faults
 from framekit.service.capture import Capture
 from framekit.service.device import DeviceStore, Serving, ServingMonitor, check_line
 from framekit.service.driver import LineLoad
-from framekit.service.points import DevicePoints
+from framekit.service.points import DevicePoints, begun_points
 from framekit.transport.clock import AsyncioClock
 from framekit.transport.schemes import scheme_of
 
@@ -109,11 +108,7 @@ class AsyncServer:
 
     def offer_faults(self) -> None:
         """Give every device faults that can be switched on while it is served; call it before `open`."""
-        self.devices = tuple(
-            replace(device, faults=offered if device.faults is None else device.faults.joined(offered))
-            for device in self.devices
-            for offered in (offered_faults(device.protocol),)
-        )
+        self.devices = tuple(map(offering_faults, self.devices))
 
     @property
     def stores(self) -> Sequence[DeviceStore]:
@@ -180,13 +175,7 @@ class AsyncServer:
         """
         serving = self._opened()
         if self._points is None:
-            self._points = [
-                DevicePoints(store.device, store.memory, serving.clock)
-                for store in serving.stores
-                if not store.device.shares
-            ]
-            for one in self._points:
-                one.start()
+            self._points = begun_points(serving.stores, serving.clock)
         return [RunPoints(one.service, self.do) for one in self._points]
 
     def _memory(self, number: int, do: Do) -> Memory:

@@ -5,7 +5,8 @@ They are words of mbpoll, modpoll, pymodbus, minimalmodbus, pyserial and of snif
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Collection
 
 _READS_AGAIN = "write framekit read with --every, such as --every 1s"
 _RUNS = "framekit run carries out a run file; its sinks keep values"
@@ -75,11 +76,16 @@ LETTERS_MEANT = {
     "-0": "write addresses from 0 with their area, such as holding:0",
     "-1": "leave it out: without --every values are read once",
 }
-"""Options of mbpoll and modpoll, for the verbs of one exchange."""
+"""Options of mbpoll and modpoll."""
 _ONE_EXCHANGE = ("read", "write", "call", "scan")
+"""The verbs for which hints without an option hold, such as that at the form of addresses."""
 
 
-def option_meant(verb: str, option: str) -> str:
-    """Return the hint for an option of another program, or ''."""
-    letters: Mapping[str, str] = LETTERS_MEANT if verb in _ONE_EXCHANGE else {}
-    return OPTIONS_MEANT.get(option) or letters.get(option, "")
+def option_meant(verb: str, option: str, known: Collection[str]) -> str:
+    """Return the hint for an option of another program, or '' if it names no option of the verb. `known`: those."""
+    hint = OPTIONS_MEANT.get(option) or LETTERS_MEANT.get(option, "")
+    named = re.match(r"write (-\S+?)(?=[ ,]|$)", hint)
+    if named is None:
+        return hint if verb in _ONE_EXCHANGE else ""
+    option = next((one for one in (named[1], f"{named[1]}s") if one in known), "")
+    return hint.replace(named[1], option, 1) if option else ""

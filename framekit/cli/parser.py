@@ -95,6 +95,8 @@ class Parser(argparse.ArgumentParser):
             message += f" – {near}" if near else ""
         if self.tells_json:
             print_error_data({"error": WordsError.kind, "message": message})
+        if message.startswith("there is no "):  # the remedy alone, without the usage
+            self.exit(2, f"{self.prog}: error: {message}\n")
         super().error(message)
 
     def _print_message(self, message: str, file: Any = None) -> None:
@@ -124,7 +126,7 @@ class Parser(argparse.ArgumentParser):
                 continue
             if any(one.startswith(option) or one == option[:2] for one in known):
                 continue
-            near = option_meant(self.verb, option) or _near(option, known)
+            near = option_meant(self.verb, option, known) or (_near(option, known) if len(option) > 2 else "")
             messages.append(f"there is no option '{option}'" + (f" – {near}" if near else ""))
         return messages
 

@@ -287,7 +287,7 @@ class RealRun:
         from framekit.api.run import AsyncRun
 
         gateway = self._gateway
-        make = partial(AsyncRun, after=self._run)
+        make = partial(AsyncRun, after=self._run, offers_faults=page.switches_faults)
         try:
             return made(make, loaded, self._monitor(page), self.watch)
         except (OSError, ValueError, VerbError) as error:

@@ -38,6 +38,9 @@ def _no_file(text: str) -> str:
 class NoPage:
     """The absent page of a command line without `--web`; the page of the extra overrides every method."""
 
+    switches_faults = False
+    """Whether the page can switch faults of simulated devices on and off."""
+
     def monitor(self, tape: Tape | None) -> OnSeen | Tape | None:
         """Return the monitor of a run, given the tape for the terminal."""
         return tape

@@ -59,14 +59,19 @@ class ChannelStatus:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StationStatus:
-    """A station that blocks of a channel talk to: how many there are, how often they ended, and whether it is dead."""
+    """A station that blocks of a channel exchange frames with."""
 
     channel: int
     station: Any
     blocks: int
+    """The number of its blocks."""
     done: int
     failed: int
+    """How often exchanges with it succeeded and failed."""
     dead: bool
+    """Whether it is given up for now."""
+    answers: bool
+    """Whether the last exchange of one of its blocks succeeded, or was refused by the station."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

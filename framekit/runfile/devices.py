@@ -37,7 +37,7 @@ from framekit.run.own_memory import AnyAddresses, ProtocolAddresses, addresses_o
 from framekit.runfile.behave import BehaveLoader
 from framekit.runfile.channels import needs_station, read_clients, read_mapping, read_params, read_station
 from framekit.runfile.device_state import with_state
-from framekit.runfile.fault_plans import load_fault_plan, mismatches, read_fault_plan
+from framekit.runfile.fault_plans import load_fault_plan, mismatches, offered_faults, read_fault_plan
 from framekit.runfile.transfers import number_for
 
 NO_PROFILE = ("set", "map", "sizes", "about", "source")
@@ -328,6 +328,12 @@ def with_faults(devices: SequenceOf[Device], name: str | None, folder: Path) -> 
     if problems := [problem for device in devices for problem in mismatches(plan, device.protocol, line=False)]:
         raise DefinitionError(problems)
     return [replace(device, faults=plan.joined(device.faults)) for device in devices]
+
+
+def offering_faults(device: Device) -> Device:
+    """Return the device with faults that can be switched on while it works, in addition to its own."""
+    offered = offered_faults(device.protocol)
+    return replace(device, faults=offered if device.faults is None else device.faults.joined(offered))
 
 
 # ---- settings of a command line or a program ---------------------------------------------------------------

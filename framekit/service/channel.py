@@ -26,6 +26,7 @@ from framekit.run.lanes import LaneRules
 from framekit.run.model import STATIONED, Block, Channel, JobCommand, JobRecord, RunModel
 from framekit.run.own_memory import AddressedMemory
 from framekit.run.transfer import BlockStarts, BlockTransfers, Ended, Read, neighbours
+from framekit.runfile.devices import offering_faults
 from framekit.service.device import DeviceService, ListeningPort, devices_of, port_for
 from framekit.service.driver import Driver, Moment
 from framekit.service.left_lines import ClosingPorts, LeftRequests
@@ -346,13 +347,16 @@ class RunChannels:
     """Fills `channels`, by number, and the devices on their lines; reports events to `owner`.
 
     `moment`: called when the data from a line have been processed. `requests`: those of earlier channels on the lines.
+    `offers_faults`: simulated devices have faults that can be switched on, in addition to their own.
     """
 
     def __init__(
         self, channels: dict[int, ChannelService], clock: Clock, access: AddressedMemory, owner: ChannelOwner,
         monitor: RunMonitor | Tape | None = None, moment: Moment | None = None, requests: LeftRequests | None = None,
+        offers_faults: bool = False,
     ) -> None:  # fmt: skip
         self._clock = clock
+        self._offers_faults = offers_faults
         self._moment = moment
         self.requests = LeftRequests() if requests is None else requests
         self._access = access
@@ -373,9 +377,10 @@ class RunChannels:
         """
         monitor = self._monitor
         listening = ListeningPort(channel, self._clock) if channel.listens else None
-        port, devices = (
-            port_for(channel, devices_of(channel, Path(folder)), self._clock) if listening is None else (listening, [])
-        )
+        simulated = [] if listening is not None else devices_of(channel, Path(folder))
+        if self._offers_faults:
+            simulated = list(map(offering_faults, simulated))
+        port, devices = (listening, []) if listening is not None else port_for(channel, simulated, self._clock)
         watcher = None if monitor is None else watching(monitor, channel.number)
         for device in devices:
             device.watch_troubles(lambda trouble: self._trouble(channel.number, trouble))

@@ -21,6 +21,7 @@ from framekit.run.model import Block, OwnPlace, Point
 from framekit.run.own_memory import piece_writer
 from framekit.run.points import PointTable, unscaled
 from framekit.runfile.devices import Device
+from framekit.service.device import DeviceStore
 from framekit.service.run_loop import RunLoop
 from framekit.transport.clock import Clock, utc_at
 
@@ -181,6 +182,14 @@ def _started(device: Device, place: OwnPlace, number: int) -> Point | None:
         name=text, form=form, place=OwnPlace(address=address, text=text), address=text, is_writable=True,
         at=NOWHERE,
     )  # fmt: skip
+
+
+def begun_points(stores: Iterable[DeviceStore], clock: Clock) -> list[DevicePoints]:
+    """Return the points of each device, updated until they are stopped; of a device over two protocols once."""
+    found = [DevicePoints(store.device, store.memory, clock) for store in stores if not store.device.shares]
+    for one in found:
+        one.start()
+    return found
 
 
 class DevicePoints:

@@ -133,6 +133,7 @@ class RunService(ChannelOwner):
     """Executes a run. `resolve` finds hosts that jobs name; default: the system's resolver.
 
     `after`: an earlier run, ended, on the same clock; late replies to its requests are late here too.
+    `offers_faults`: simulated devices have faults that can be switched on, in addition to their own.
 
     Raises DefinitionError for a wrong device file, ValueError for a port of no known kind.
     """
@@ -145,6 +146,7 @@ class RunService(ChannelOwner):
         on_end: OnEnd | None = None,
         resolve: ResolveHost | None = None,
         after: RunService | None = None,
+        offers_faults: bool = False,
     ) -> None:
         self.run = run
         self.clock = clock
@@ -168,7 +170,7 @@ class RunService(ChannelOwner):
             self.block_memory.add(state, protocol_of(run, state.block))
         self.jobs: JobService | None = None
         requests = None if after is None else after.lines.requests
-        lines = RunChannels(self.channels, clock, self.access, self, monitor, self.loop, requests)
+        lines = RunChannels(self.channels, clock, self.access, self, monitor, self.loop, requests, offers_faults)
         self.lines: RunChannels = lines
         self.devices_on = lines.devices
         for number in run.channels:

@@ -49,7 +49,14 @@ def _stations(service: RunService) -> Iterator[StationStatus]:
             done=sum(state.done for state in states),
             failed=sum(state.failed for state in states),
             dead=any(state.dead for state in states),
+            answers=any(map(_has_answered, states)),
         )
+
+
+def _has_answered(state: BlockState) -> bool:
+    """Return whether the station answered in the last exchange of a block."""
+    failure = state.last_failure
+    return state.ended_well or (failure is not None and failure.outcome == "refused" and not state.dead)
 
 
 def _jobs_status(table: JobTable) -> JobsStatus:

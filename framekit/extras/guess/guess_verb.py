@@ -157,7 +157,7 @@ def _show(
         live.on_stop(ended.set)
         if not arguments.json:
             print_results()
-        async with page.shows(board, to):
+        async with page.shows(board, to=to):
             if arguments.json:
                 print_results()
             await until(duration, ended)

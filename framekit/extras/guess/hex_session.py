@@ -44,6 +44,7 @@ class HexBoard:
     frames, by FRAME.FIELD.
     """
 
+    name = "Guess"
     home = "bytes.html"
     largest_message = LARGEST_MESSAGE
 

@@ -59,6 +59,7 @@ LONGEST_COURSE = 400 * 86_400
 class WebBoard:
     """The content shared by all browsers of one run, read on request and at limited rates."""
 
+    home = "board.html"
     largest_message = LARGEST_MESSAGE
 
     def __init__(self, shown: Shown, now: Callable[[], float] = time.monotonic) -> None:
@@ -94,22 +95,25 @@ class WebBoard:
         self.notices.look(found.troubles, time.time())
 
     @property
-    def home(self) -> str:
-        """Return the file of the page."""
-        return self.shown.home
+    def name(self) -> str:
+        """Return the name of the page among the others of the same program."""
+        return self.shown.name
 
     def session(self, access: Access, who: str) -> WebSession:
         """Return a new session for a browser."""
         return WebSession(self, access, who)
 
     async def go_on(self) -> None:
-        """Record the values at regular intervals."""
-        while True:
-            try:
-                self.remember(time.time())
-            except Exception:
-                log.exception("web: the values are not remembered")
-            await asyncio.sleep(HISTORY_EVERY)
+        """Record the values at regular intervals, until the page ends."""
+        try:
+            while True:
+                try:
+                    self.remember(time.time())
+                except Exception:
+                    log.exception("web: the values are not remembered")
+                await asyncio.sleep(HISTORY_EVERY)
+        finally:
+            self.shown.end()
 
     def remember(self, at: float) -> None:
         """Add a moment to the history, at this time (seconds since 1970)."""
@@ -182,7 +186,7 @@ class WebSession:
             "stored": shown.stored is not None,
             "began": self.board.began,
             "chart": CHART,
-            "devices": [] if shown.devices is None else shown.devices.described(),
+            "devices": None if shown.devices is None else shown.devices.described(),
             "tables": [[table.name, table.head] for table in shown.tables],
             "pointHead": POINT_HEAD,
             "points": [_about(group, point) for group, point in self.board.points],

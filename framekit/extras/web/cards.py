@@ -6,7 +6,7 @@ Everything that is not as it should be is named in words; the state of a card on
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from framekit.api.rows import percent
@@ -14,6 +14,8 @@ from framekit.api.run import ChannelStatus, RunStatus
 from framekit.codec.shown import shown
 from framekit.definition.problems import plural
 from framekit.run.points import PointValue
+from framekit.run.status import StationStatus
+from framekit.service.device import DeviceStore
 
 HEALTHY = ("open", "closed", "switched off")
 """States of channels that are as they should be: a channel that is closed has no work."""
@@ -88,6 +90,33 @@ class RunCards:
         return error_card(total, reasons, is_fresh)
 
 
+class DeviceCards:
+    """The cards of simulated devices."""
+
+    def __init__(self) -> None:
+        self._requests, self._errors = Rate(), Rate()
+
+    def of(
+        self, count: int, about: str, stores: Iterable[DeviceStore], line_errors: Mapping[str, int], now: int
+    ) -> list[Card]:
+        """Return the cards at a time. `line_errors`: faults on the line, in addition to refused requests."""
+        reasons, done = Counter(line_errors), 0
+        for store in stores:
+            done += store.counters.done
+            reasons.update(store.counters.reasons(store.device.protocol))
+        self._errors.read(now, reasons.total())
+        return [
+            Card("Device" if count == 1 else "Devices", str(count), about, "good"),
+            exchange_card("Requests", self._requests.read(now, done), done),
+            error_card(reasons.total(), reasons, self._errors.has_increased_within(now, ERRORS_OVER)),
+        ]
+
+
+def in_words(reason: str) -> str:
+    """Return the name of an outcome in words: `no reply` for `no_reply`; other reasons unchanged."""
+    return reason.replace("_", " ") if reason.islower() and " " not in reason else reason
+
+
 def exchange_card(title: str, rate: float | None, total: int) -> Card:
     """Return the card of exchanges, or of requests."""
     text = f"{total:,} since the start".replace(",", "\u202f")
@@ -96,7 +125,7 @@ def exchange_card(title: str, rate: float | None, total: int) -> Card:
 
 def error_card(total: int, reasons: Counter[str], is_fresh: bool) -> Card:
     """Return the card of errors, with the most frequent reasons."""
-    text = ", ".join(f"{count} × {reason}" for reason, count in reasons.most_common(MOST_NAMED))
+    text = ", ".join(f"{count} × {in_words(reason)}" for reason, count in reasons.most_common(MOST_NAMED))
     return Card("Errors", f"{total:,}".replace(",", "\u202f"), text or "None so far", "bad" if is_fresh else "")
 
 
@@ -132,19 +161,36 @@ def _stations(status: RunStatus) -> Card:
         return Card("Stations", "Out of step" if "out of" in unsure[0] else "Waiting", f"{text}: late replies", "warn")
     if slow:
         return Card("Stations", "Slow", text, "warn")
-    answering = sum(one.done > 0 for one in status.stations)
     if not status.stations:
         return Card("Stations", "In step", "No late replies")
+    states = {one.number: one.state for one in status.channels}
+    silent = [
+        f"channel {one.channel}, station {shown(one.station)}"
+        for one in status.stations
+        if _is_silent(one, states[one.channel])
+    ]
+    if silent:
+        return Card("Stations", f"{len(silent)} of {len(status.stations)} silent", _some(silent), "warn")
+    answering = sum(one.answers for one in status.stations)
     is_all = answering == len(status.stations)
     words = "All answer" if answering > 1 else "Answers"
     value = words if is_all else f"{answering} of {len(status.stations)}"
     return Card("Stations", value, f"{plural(len(status.stations), 'station')}, in step", "good" if is_all else "")
 
 
+def _is_silent(station: StationStatus, channel: str) -> bool:
+    """Return whether a station does not answer on a channel in this state: no block has, or the port is lost."""
+    return channel not in HEALTHY or (channel == "open" and bool(station.failed) and not station.answers)
+
+
 def point_card(points: Sequence[PointValue]) -> Card:
     """Return the card of points: how many are good, and the names of others."""
     wrong = [value for value in points if value.quality != "good"]
-    text = "All good" if not wrong else _some(f"{value.name}: {value.reason or value.quality}" for value in wrong)
+    text = (
+        "All good"
+        if not wrong
+        else _some(f"{value.name}: {in_words(value.reason) or value.quality}" for value in wrong)
+    )
     state = "" if not wrong else "bad" if any(value.quality == "failed" for value in wrong) else "warn"
     return Card("Points", f"{len(points) - len(wrong)} of {len(points)}", text, state)
 

@@ -1,15 +1,14 @@
-"""Served devices on the page: the areas of their memory, values set by hand, and faults switched on and off."""
+"""Simulated devices on the page: the areas of their memory, values set by hand, faults switched on and off."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from functools import partial
 from typing import Any
 
 from framekit.api.errors import RequestError
-from framekit.api.server import AsyncServer
 from framekit.definition.times import format_time
 from framekit.extras.web.messages import Actions, Message, Told, plain_text, whole_number
 from framekit.link.addresses import Address, AddressError
@@ -39,16 +38,17 @@ Tried = Callable[[Told, Callable[[], None]], Message]
 
 
 class DeviceView:
-    """The devices of a server, which must be open. A device over two protocols appears once."""
+    """Devices under their names on the page. A device over two protocols appears once."""
 
-    def __init__(self, server: AsyncServer) -> None:
-        self.stores = [store for store in server.stores if not store.device.shares]
+    def __init__(self, named: Mapping[str, DeviceStore]) -> None:
+        self.names = tuple(named)
+        self.stores = list(named.values())
 
     def described(self) -> list[Message]:
         """Return the constant content: names, areas and faults of each device, and what its values do by themselves."""
         return [
             {
-                "name": store.device.name,
+                "name": name,
                 "protocol": store.device.protocol.name,
                 "station": store.device.station,
                 "areas": [[area.name, area.size, area.unit, area.element_bits, area.access] for area in _areas(store)],
@@ -56,7 +56,7 @@ class DeviceView:
                 "faults": [fault_text(rule.model) for rule in _rules(store)],
                 "behaviours": {one.name or one.place.address: behaviour_text(one) for one in store.device.behaviours},
             }
-            for store in self.stores
+            for name, store in zip(self.names, self.stores, strict=True)
         ]
 
     def actions(self, tried: Tried, who: str) -> Actions:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 from framekit import __version__
@@ -27,6 +28,7 @@ MOST_VALUES = 500
 class EditBoard:
     """Content common to all browsers: the files, and the processes that examine texts."""
 
+    name = "Editor"
     home = "edit.html"
     largest_message = 4 * LARGEST_TEXT
 
@@ -68,6 +70,8 @@ class EditSession:
             "build": self._build,
             "cell": self._cell,
             "offer": self._offer,
+            "known": self._known,
+            "new": self._new,
             "try": self._try,
             "save": self._save,
         }
@@ -84,7 +88,7 @@ class EditSession:
         first = self.board.first or (names[0] if names else "")
         return {
             "hello": f"edit {folder.root.name}", "version": __version__, "files": names, "first": first,
-            "longest": LARGEST_TEXT,
+            "longest": LARGEST_TEXT, "makes": folder.takes_new,
         }  # fmt: skip
 
     def news(self) -> Iterator[Message]:
@@ -126,6 +130,29 @@ class EditSession:
             self._file = EditedFile(name, _text(text), saved)
             self._stamp = self.board.folder.stamp(name)
         return {**answer, "saved": name, "digest": saved}
+
+    async def _known(self, given: Any, told: Told) -> Message:
+        """Return the protocols that a new file may name."""
+        return await self._worked({}, "known", self.board.folder.root / "new", {})
+
+    async def _new(self, kind: Any, told: Told) -> Message:
+        """Make a file from a template; `of`: the protocol or device file that it is for."""
+        answer: Message = {"done": whole_number(told.get("id"))}
+        given = {"kind": plain_text(kind), "name": plain_text(told.get("name")), "of": plain_text(told.get("of"))}
+        folder = self.board.folder
+        why = self.visitor.refused()
+        if why:
+            return {**answer, "why": why}
+        found = await self._worked({}, "new", folder.root / "new", given)
+        if "why" in found:
+            return {**answer, **found}
+        try:
+            await asyncio.to_thread(folder.make, found["name"], found["text"])
+        except EditRefusedError as error:
+            log.warning("edit: %r was not made for %s: %s", found["name"], self.visitor.who, error)
+            return {**answer, "why": str(error)}
+        log.info("edit: %r made for %s", found["name"], self.visitor.who)
+        return {**answer, "made": found["name"], "files": folder.names()}
 
     # ---- meaning ------------------------------------------------------------------------------------------
 
@@ -199,8 +226,15 @@ class EditSession:
             raise ValueError("this is no message")
         try:
             path = self.board.folder.path_of(self._file.name)
+        except EditRefusedError as error:
+            return {**head, "why": str(error)}
+        return await self._worked(head, do, path, given, quick)
+
+    async def _worked(self, head: Message, do: str, path: Path, given: Message, quick: bool = False) -> Message:
+        """Return the answer of a process about a file after a head, or why there is no answer."""
+        try:
             found = await self.board.workers.ask({"do": do, "path": str(path), "text": self._text, **given}, quick)
-        except (EditRefusedError, WorkError) as error:
+        except WorkError as error:
             return {**head, "why": str(error)}
         return {**head, **found}
 

@@ -111,6 +111,23 @@ class EditedFolder:
             return 0, 0
         return found.st_mtime_ns, found.st_size
 
+    @property
+    def takes_new(self) -> bool:
+        """Return whether files can be made here: not if a single file is edited."""
+        return not self._only
+
+    def make(self, name: str, text: str) -> None:
+        """Make a file with this text in the folder itself. Raise EditRefusedError; no file is replaced."""
+        if "/" in name or not self.takes_new or not self._names_file(name):
+            raise EditRefusedError(f"'{name}' cannot be made here – run framekit edit with a folder, and give a name")
+        try:
+            with (self.root / name).open("xb") as stream:
+                stream.write(text.encode("utf-8"))
+        except FileExistsError:
+            raise EditRefusedError(f"{name} exists already – open it, or choose another name") from None
+        except OSError as error:
+            raise EditRefusedError(f"{name} cannot be made: {error.strerror or error}") from None
+
     def save(self, name: str, text: str, digest: str) -> str:
         """Replace a file whose content on disk still has this digest; return the digest of the new content.
 

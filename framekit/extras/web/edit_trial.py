@@ -62,13 +62,13 @@ def offer(path: Path) -> Answer:
     }
     return {
         "services": [[name, takes] for name, takes in rows.items()],
-        "address": next(_addresses(protocol), ""),
+        "address": next(addresses_of_forms(protocol), ""),
         "station": device.station,
         "why": "" if rows else f"'{protocol.name}' has no services that can be tried",
     }
 
 
-def _addresses(protocol: Protocol) -> Iterator[str]:
+def addresses_of_forms(protocol: Protocol) -> Iterator[str]:
     """Yield addresses that fit the forms of a protocol."""
     grammar = AddressGrammar(protocol.addresses, protocol.areas, protocol.tables)
     for form in protocol.addresses:

@@ -44,7 +44,7 @@ def run_edit(arguments: argparse.Namespace) -> int:
         ended = asyncio.Event()
         on_stop(ended.set)
         live.stops(ended.set)
-        async with page.shows(board, "edit and save"):
+        async with page.shows(board, to="edit and save"):
             await until(duration, ended)
 
     with live_output(arguments.json) as live:

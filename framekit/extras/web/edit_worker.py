@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from framekit.definition.sources import edited_texts
-from framekit.extras.web import edit_complete, edit_meaning, edit_table, edit_trial
+from framekit.extras.web import edit_complete, edit_meaning, edit_new, edit_table, edit_trial
 
 Work = Callable[..., dict[str, Any]]
 
@@ -23,6 +23,8 @@ WORK: Mapping[str, Work] = {
     "build": edit_meaning.build,
     "change": edit_table.change,
     "remove": edit_table.remove,
+    "known": edit_new.known,
+    "new": edit_new.new,
     "offer": edit_trial.offer,
     "trial": edit_trial.trial,
 }

@@ -64,12 +64,14 @@ class PageSession(Protocol):
 class PageBoard(Protocol):
     """Content common to all browsers."""
 
+    home: str
+    """The file of the page."""
     largest_message: int
     """Largest number of bytes of a message from a browser."""
 
     @property
-    def home(self) -> str:
-        """Return the file of the page."""
+    def name(self) -> str:
+        """Return the name of the page among the others of the same program."""
 
     def session(self, access: Access, who: str) -> PageSession:
         """Return a session for a browser."""

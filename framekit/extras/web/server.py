@@ -1,6 +1,6 @@
-"""The server of the page: Starlette on uvicorn, in the loop of the run or the devices.
+"""The server of the pages: Starlette on uvicorn, in the loop of the run or the devices.
 
-The page is a few files of its own, and one WebSocket for each browser. Messages of browsers are bounded in size and
+The pages are a few files of their own, and one WebSocket for each browser. Messages of browsers are bounded in size and
 number. A message that a browser does not take is dropped, so that it delays neither the run nor other browsers.
 """
 
@@ -12,7 +12,7 @@ import json
 import logging
 import socket
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Coroutine, Iterator
 from typing import Any
 
 import uvicorn
@@ -76,48 +76,76 @@ class Guard:
 
 
 class PageApp:
-    """The routes, and the connected browsers. `board` may be set later; until then browsers are refused."""
+    """The routes, and the connected browsers. Until `show` has pages, browsers are refused."""
 
     def __init__(self, access: Access) -> None:
         self.access = access
-        self.board: PageBoard | None = None
+        self.boards: dict[str, PageBoard] = {}
+        """The pages by path: the first at `/`, each other one at its name."""
         self.browsers: Counter[str] = Counter()
         """Connected browsers by their address."""
+        self._connected: set[Browser] = set()
         self._files = page_files() | chart_files()
-        routes = [Route(path, self._file) for path in ("/", *(f"/{name}" for name in self._files))]
-        self._app = Starlette(routes=[*routes, WebSocketRoute("/live", self._live)])
+        routes = [
+            Route("/{name}", self._file), Route("/", self._file),
+            WebSocketRoute("/live", self._live), WebSocketRoute("/live/{name}", self._live),
+        ]  # fmt: skip
+        self._app = Starlette(routes=routes)
         self.app: ASGIApp = Guard(self._app)
 
+    def show(self, *boards: PageBoard) -> None:
+        """Show these pages from now on; browsers of a page that is not among them connect again."""
+        self.boards = {board.name.lower() if number else "": board for number, board in enumerate(boards)}
+        for browser in self._connected:
+            if browser.board not in boards:
+                browser.leave()
+
+    @property
+    def _links(self) -> list[list[str]]:
+        """Return path and name of each page."""
+        return [[path, board.name] for path, board in self.boards.items()]
+
     async def _file(self, request: Request) -> Response:
-        home = "" if self.board is None else self.board.home
-        content, kind = self._files[request.url.path[1:] or home]
-        return Response(content, media_type=kind)
+        name = request.path_params.get("name", "")
+        board = self.boards.get(name)
+        file = self._files.get(name if board is None else board.home)
+        return PlainTextResponse("Not Found", 404) if file is None else Response(file.content, media_type=file.kind)
 
     async def _live(self, socket: WebSocket) -> None:
         client = socket.client
         host = "" if client is None else client.host
         is_full = self.browsers.total() >= MOST_BROWSERS or self.browsers[host] >= MOST_BROWSERS_OF_AN_ADDRESS
-        if self.board is None or is_full:
+        board = self.boards.get(socket.path_params.get("name", ""))
+        if board is None or is_full:
             await socket.close(1013)
             return
         who = "a browser" if client is None else f"{client.host}:{client.port}"
+        browser = Browser(socket, board, board.session(self.access, who), who, self._links)
         self.browsers[host] += 1
+        self._connected.add(browser)
         try:
             await socket.accept()
-            await Browser(socket, self.board.session(self.access, who), who).attend()
+            await browser.attend()
         finally:
+            self._connected.discard(browser)
             self.browsers[host] -= 1
             self.browsers += Counter()  # without addresses that have no browser
 
 
 class Browser:
-    """A connection to one browser, as long as it lasts."""
+    """A connection to one browser, as long as it lasts. `links`: path and name of each page."""
 
-    def __init__(self, socket: WebSocket, session: PageSession, who: str) -> None:
-        self.socket, self.session, self.who = socket, session, who
+    def __init__(
+        self, socket: WebSocket, board: PageBoard, session: PageSession, who: str, links: list[list[str]]
+    ) -> None:
+        self.socket, self.board, self.session, self.who, self.links = socket, board, session, who, links
         self._actions: set[asyncio.Task[None]] = set()
         self._failed = asyncio.Event()
-        """Set when sending or an action has failed: the connection is closed, and the page connects again."""
+        """Set when the page connects again: after an error of sending or of an action, and for a new page."""
+
+    def leave(self) -> None:
+        """Close the connection, because its page is no longer shown."""
+        self._failed.set()
 
     async def attend(self) -> None:
         """Send changes and carry out actions until the browser disconnects, breaks a rule, or cannot be served."""
@@ -172,7 +200,7 @@ class Browser:
 
     async def _show(self) -> None:
         with self._while_there():
-            await self._send(self.session.hello())
+            await self._send({**self.session.hello(), "pages": self.links})
             while True:
                 for message in self.session.news():
                     await self._send(message)
@@ -207,6 +235,13 @@ class _Uvicorn(uvicorn.Server):
         yield
 
 
+def _watched(work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
+    """Return the task of a work of the server whose error is reported."""
+    task = asyncio.ensure_future(work)
+    task.add_done_callback(_has_ended)
+    return task
+
+
 def _has_ended(task: asyncio.Task[None]) -> None:
     """Report the error that has ended a task of the server, in the way of the loop."""
     if not task.cancelled() and (error := task.exception()) is not None:
@@ -216,7 +251,7 @@ def _has_ended(task: asyncio.Task[None]) -> None:
 
 
 class WebServer:
-    """Listen at once, and show the page from `begin` to `end`. Raises OSError for an address that cannot be bound."""
+    """Listen at once, and show pages from `begin` to `end`. Raises OSError for an address that cannot be bound."""
 
     def __init__(self, host: str, port: int, access: Access) -> None:
         self.access = access
@@ -230,27 +265,33 @@ class WebServer:
             limit_concurrency=MOST_CONNECTIONS, http=ImpatientProtocol, timeout_graceful_shutdown=LONGEST_END,
         )  # fmt: skip
         self._server = _Uvicorn(self._config)
-        self._tasks: list[asyncio.Task[None]] = []
+        self._serving: asyncio.Task[None] | None = None
+        self._working: dict[PageBoard, asyncio.Task[None]] = {}
+        """The work of each page."""
 
-    def begin(self, board: PageBoard) -> None:
-        """Show this board from now on, in the running loop."""
-        self.page.board = board
-        self._config.ws_max_size = board.largest_message
-        self._tasks = [
-            asyncio.ensure_future(self._server.serve([self._socket])),
-            asyncio.ensure_future(board.go_on()),
-        ]
-        for task in self._tasks:
-            task.add_done_callback(_has_ended)
+    def begin(self, *boards: PageBoard) -> None:
+        """Show these pages from now on, in the running loop; the first is at the address itself."""
+        self._config.ws_max_size = max(board.largest_message for board in boards)
+        self._serving = _watched(self._server.serve([self._socket]))
+        self.show(*boards)
+
+    def show(self, *boards: PageBoard) -> None:
+        """Show these pages instead of those before; their messages are not larger."""
+        for board in [board for board in self._working if board not in boards]:
+            self._working.pop(board).cancel()
+        for board in boards:
+            if board not in self._working:
+                self._working[board] = _watched(board.go_on())
+        self.page.show(*boards)
 
     async def end(self) -> None:
         """Disconnect all browsers; the address is free afterwards."""
         self._server.should_exit = True
-        if self._tasks:
-            serving, going_on = self._tasks
-            going_on.cancel()
-            await asyncio.wait([serving], timeout=2 * LONGEST_END)
-            serving.cancel()
-            await asyncio.gather(*self._tasks, return_exceptions=True)
-            self._tasks = []
+        if self._serving is not None:
+            for task in self._working.values():
+                task.cancel()
+            await asyncio.wait([self._serving], timeout=2 * LONGEST_END)
+            self._serving.cancel()
+            await asyncio.gather(self._serving, *self._working.values(), return_exceptions=True)
+            self._serving = None
         self._socket.close()

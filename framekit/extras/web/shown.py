@@ -33,12 +33,12 @@ from framekit.api.rows import (
 from framekit.api.run import RunCalls, RunStatus
 from framekit.api.server import AsyncServer
 from framekit.codec.shown import shown
-from framekit.definition.problems import plural
-from framekit.extras.web.cards import ERRORS_OVER, Card, Rate, RunCards, error_card, exchange_card
+from framekit.extras.web.cards import Card, DeviceCards, RunCards, in_words
 from framekit.extras.web.device_view import DeviceView
 from framekit.extras.web.history import StoredHistory, number_of
 from framekit.run.model import POINTS_SET
 from framekit.run.points import PointValue
+from framekit.service.device import DeviceStore
 
 
 class ShownRow(NamedTuple):
@@ -119,7 +119,7 @@ def _differs(value: PointValue, before: PointValue) -> bool:
 def value_cells(value: PointValue, point: RunPoint) -> list[Any]:
     """Return the cells of a value for the page: text, quality, reason, and the number to draw."""
     number = number_of(value)
-    return [point.text_of(value.value), value.quality, value.reason, number if isfinite(number) else None]
+    return [point.text_of(value.value), value.quality, in_words(value.reason), number if isfinite(number) else None]
 
 
 Rows = Mapping[str, ShownRow]
@@ -148,8 +148,8 @@ class ShownTable(NamedTuple):
 class Shown:
     """The content of one page."""
 
-    home: str
-    """The file of the page."""
+    name: str
+    """The name of the page among the others of the same program."""
     title: str
     view: LiveView
     tables: tuple[ShownTable, ...]
@@ -162,7 +162,9 @@ class Shown:
     stored: StoredHistory | None = None
     """Older values; None if the run keeps none."""
     devices: DeviceView | None = None
-    """The memory and the faults of served devices; None for a run."""
+    """The memory and the faults of simulated devices; None for a run."""
+    end: Callable[[], None] = lambda: None
+    """Called when the content is no longer shown."""
 
     @property
     def log(self) -> FrameLog:
@@ -191,7 +193,7 @@ def shown_run(run: RunCalls, view: LiveView) -> Shown:
     )
     file = history_file(run.run)
     return Shown(
-        home="run.html", title=f"run {run.run.name}", view=view, tables=tables, look=look,
+        name="Run", title=f"run {run.run.name}", view=view, tables=tables, look=look,
         groups=[("", run.points)], control=run.control, stored=None if file is None else StoredHistory(file),
     )  # fmt: skip
 
@@ -248,40 +250,71 @@ def _is_reported(name: str, names: Iterable[str]) -> bool:
     return any(one == name or one.startswith((f"{name},", f"{name} ")) for one in names)
 
 
+DEVICE_HEAD = ("device", "protocol", "station", "services", "errors", "why")
+
+
 def shown_server(server: AsyncServer, view: LiveView) -> Shown:
     """Return the content for devices that answer, with the values of their memory. The server must be open."""
-    alone = [device for device in server.devices if not device.shares]
-
-    requests, errors = Rate(), Rate()
+    alone = [one for one in server.stores if not one.device.shares]
+    named, cards = _named((f"station {one.device.station}", one) for one in alone), DeviceCards()
 
     def look(values: Sequence[PointValue]) -> Look:
-        devices = {}
-        status = server.status()
-        for number, one in enumerate(status, 1):
-            why = ", ".join(f"{count} × {reason}" for reason, count in sorted(one.reasons.items()))
-            cells = (one.device.name, one.device.protocol.name, one.device.station or "-")
-            devices[str(number)] = ShownRow("", (*cells, str(one.services), str(one.errors), why or "-"))
+        rows = {str(number): ShownRow("", _device_cells(one)) for number, one in enumerate(server.stores, 1)}
         line = {reason: ShownRow("", (reason, str(count))) for reason, count in sorted(server.line_errors.items())}
-        now = view.now()
-        done, refused = sum(one.services for one in status), sum(one.errors for one in status)
-        reasons = Counter(server.line_errors)
-        for one in status:
-            reasons.update(one.reasons)
-        errors.read(now, refused + sum(server.line_errors.values()))
-        cards = [
-            Card(plural(len(alone), "device").partition(" ")[2].capitalize(), str(len(alone)), server.about, "good"),
-            exchange_card("Requests", requests.read(now, done), done),
-            error_card(reasons.total(), reasons, errors.has_increased_within(now, ERRORS_OVER)),
-        ]
-        return Look({"devices": devices, "line": line}, cards)
+        return Look(
+            {"devices": rows, "line": line},
+            cards.of(len(named), server.about, server.stores, server.line_errors, view.now()),
+        )
 
-    tables = (
-        ShownTable("devices", ("device", "protocol", "station", "services", "errors", "why")),
-        ShownTable("line", ("on the line", "count")),
-    )
-    names = ["" if len(alone) == 1 else device.name for device in alone]
-    groups = list(zip(names, server.points, strict=True))
+    tables = (ShownTable("devices", DEVICE_HEAD), ShownTable("line", ("on the line", "count")))
+    names = [""] if len(named) == 1 else list(named)
     return Shown(
-        home="devices.html", title=f"serve {server.about}", view=view, tables=tables, look=look, groups=groups,
-        devices=DeviceView(server),
+        name="Devices", title=f"serve {server.about}", view=view, tables=tables, look=look,
+        groups=list(zip(names, server.points, strict=True)), devices=DeviceView(named),
     )  # fmt: skip
+
+
+def shown_devices(run: RunCalls, view: LiveView) -> Shown:
+    """Return the content for the simulated devices of a run as they are now, with the values of their memory."""
+    simulated, cards = run.simulated, DeviceCards()
+    points = run.device_points()
+    named = _named((f"channel {number}", store) for number, store in simulated)
+
+    def look(values: Sequence[PointValue]) -> Look:
+        rows = {
+            str(row): ShownRow("", (str(number), *_device_cells(store)))
+            for row, (number, store) in enumerate(simulated, 1)
+        }
+        about = f"Simulated in the run {run.run.name}"
+        return Look({"devices": rows}, cards.of(len(named), about, list(named.values()), {}, view.now()))
+
+    def end() -> None:
+        for one in points:
+            one.stop()
+
+    names = [""] if len(named) == 1 else list(named)
+    return Shown(
+        name="Devices", title=f"devices of {run.run.name}", view=view, look=look,
+        tables=(ShownTable("devices", ("channel", *DEVICE_HEAD)),),
+        groups=list(zip(names, map(run.points_of, points), strict=True)), devices=DeviceView(named), end=end,
+    )  # fmt: skip
+
+
+def _named(places: Iterable[tuple[str, DeviceStore]]) -> dict[str, DeviceStore]:
+    """Return devices by name; devices with the same name have their place in it, and the same place a number."""
+    found: dict[str, DeviceStore] = {}
+    placed = list(places)
+    counted = Counter(store.device.name for _, store in placed)
+    for number, (place, store) in enumerate(placed, 1):
+        name = store.device.name
+        name = name if counted[name] == 1 else f"{name}, {place}"
+        found[name if name not in found else f"{name}, number {number}"] = store
+    return found
+
+
+def _device_cells(store: DeviceStore) -> tuple[str, ...]:
+    """Return the cells of a device: as DEVICE_HEAD."""
+    device, counters = store.device, store.counters
+    why = ", ".join(f"{count} × {reason}" for reason, count in sorted(counters.reasons(device.protocol).items()))
+    cells = (device.name, device.protocol.name, device.station or "-")
+    return (*cells, str(counters.done), str(counters.errors), why or "-")

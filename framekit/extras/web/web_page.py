@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import asyncio
 import errno
 import sys
 from collections.abc import AsyncIterator
@@ -26,8 +27,14 @@ MISSING = (
 )
 
 
+LOOK_EVERY = 1.0
+"""Interval in seconds of the look at the devices of a run."""
+
+
 class WebPage(NoPage):
     """The page of a command line, which already listens. Raises WordsError, VerbError."""
+
+    switches_faults = True
 
     def __init__(self, arguments: argparse.Namespace) -> None:
         self.server = _listening(arguments.web, arguments.web_token)
@@ -54,10 +61,29 @@ class WebPage(NoPage):
         """Show a run, not yet started, while the context lasts."""
         from framekit.api.run import view_of
         from framekit.extras.web.board import WebBoard
-        from framekit.extras.web.shown import shown_run
+        from framekit.extras.web.shown import shown_devices, shown_run
 
-        async with self.shows(WebBoard(shown_run(run, view_of(run, self.log)))):
-            yield
+        view = view_of(run, self.log)
+        board = WebBoard(shown_run(run, view))
+
+        def boards() -> list[WebBoard]:
+            return [board, WebBoard(shown_devices(run, view))] if run.simulated else [board]
+
+        async def follow() -> None:
+            """Show other devices when an edit of the run has changed them."""
+            before = run.simulated
+            while True:
+                await asyncio.sleep(LOOK_EVERY)
+                if run.simulated != before:
+                    before = run.simulated
+                    self.server.show(*boards())
+
+        async with self.shows(*boards(), to="fire and write"):
+            following = asyncio.ensure_future(follow())
+            try:
+                yield
+            finally:
+                following.cancel()
 
     def watch(self, devices: AsyncServer) -> None:
         """Show the traffic of devices, not yet opened, on the page, in addition to their monitor."""
@@ -85,13 +111,13 @@ class WebPage(NoPage):
         from framekit.extras.web.board import WebBoard
         from framekit.extras.web.shown import shown_server
 
-        async with self.shows(WebBoard(shown_server(devices, self._view)), "set values and switch faults"):
+        async with self.shows(WebBoard(shown_server(devices, self._view)), to="set values and switch faults"):
             yield
 
     @asynccontextmanager
-    async def shows(self, board: PageBoard, to: str = "fire and write") -> AsyncIterator[None]:
-        """Show a board while the context lasts. `to`: the actions that the token allows; '' if there are none."""
-        self.server.begin(board)
+    async def shows(self, *boards: PageBoard, to: str) -> AsyncIterator[None]:
+        """Show pages while the context lasts. `to`: the actions that the token allows; '' if there are none."""
+        self.server.begin(*boards)
         self._tell(self.server, to)
         try:
             yield

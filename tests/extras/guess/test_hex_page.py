@@ -201,7 +201,7 @@ def test_what_is_no_message_is_refused(page: HexPage, told: object) -> None:
 
 def test_a_float_is_refused_and_leaves_no_traceback(page: HexPage, caplog: pytest.LogCaptureFixture) -> None:
     app = PageApp(Access(TOKEN))
-    app.board = page.board
+    app.show(page.board)
     with TestClient(app.app, base_url=HOME).websocket_connect(LIVE) as there:
         assert [there.receive_json() for _ in range(2)][1]["round"] == 1
         there.send_text('{"lines": 0, "width": 16.0, "most": 5, "kind": null}')
@@ -230,7 +230,7 @@ def test_a_browser_writes_no_lines_of_its_own_into_the_log(page: HexPage, caplog
 
 def test_a_browser_names_over_a_socket(page: HexPage) -> None:
     app = PageApp(Access(TOKEN))
-    app.board = page.board
+    app.show(page.board)
     client = TestClient(app.app, base_url=HOME)
     assert "hexlines" in client.get("/bytes.js").text and 'src="bytes.js"' in client.get("/").text
     with client.websocket_connect(LIVE, headers={"origin": HOME}) as there:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from extras.web.chromium import Looking, browser, needs_chromium, program
-from extras.web.test_browser import MAKES_PICTURES, ROOT, picture, value
+from extras.web.test_browser import MAKES_PICTURES, ROOT, picture, quick, value
 
 pytestmark = [needs_chromium, pytest.mark.long]
 
@@ -94,4 +94,22 @@ def test_a_fault_is_switched_on_and_off(tmp_path: Path) -> None:
             page.run("document.querySelector('.switch.on').click()")
             page.until(lambda: "No reply is switched off" in page.text("#told"))
             page.until(lambda: page.text(".switch.on") == "")
+        assert page.errors() == []
+
+
+def test_the_devices_of_a_run_are_a_page_of_their_own(tmp_path: Path) -> None:
+    with browser() as page, program(tmp_path, "run", str(quick(tmp_path))) as (url, token):
+        page.open(f"{url}#token={token}")
+        page.until(lambda: value(page, "level") not in ("", "–", "-"))
+        assert page.text("#pages").split() == ["Run", "Devices"]
+        page.run("[...document.querySelectorAll('#pages a')].find(one => one.textContent == 'Devices').click()")
+        page.until(lambda: page.text("#may") == "May set values and switch faults")
+        assert page.text("[aria-current]") == "Devices"
+        assert page.text("#parts").split() == ["Values", "Trend", "Memory", "Faults", "Frames", "Details"]
+        page.until(lambda: page.run(CELLS)[0] == "40001")
+        page.run("[...document.querySelectorAll('.switch')].find(one => one.innerText == 'No reply').click()")
+        page.until(lambda: "No reply is switched on" in page.text("#told"))
+        page.run("document.querySelector('#pages a').click()")
+        page.until(lambda: page.text("#may") == "May fire and write")
+        page.until(lambda: "no reply – 3 points without a good value" in page.text("#notices li"))
         assert page.errors() == []

@@ -68,7 +68,7 @@ def test_a_device_is_described_with_its_areas_faults_and_behaviours(tmp_path: Pa
         assert device["behaviours"] == {"level": "ramp 0..1000, over 1000 s"}
         assert device["faults"][:3] == ["No reply, every 1000000. frame", "No reply", "Delay, 500 ms"]
         assert "Wrong check code" not in device["faults"]
-        assert session.board.home == "devices.html"
+        assert (session.board.home, session.board.name) == ("board.html", "Devices")
         assert [card.title for card in session.board.cards] == ["Device", "Requests", "Errors"]
 
     served(tmp_path, test)

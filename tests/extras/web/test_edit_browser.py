@@ -236,3 +236,43 @@ def test_without_the_token_the_text_is_read_only_and_nothing_is_saved(tmp_path: 
         page.run("const save = document.querySelector('#save'); save.disabled = false; save.click()")
         page.until(lambda: "Not saved: only with the token" in page.text("#told"))
         assert path.read_text("utf-8") == LAMP
+
+
+def make(page: Looking, kind: str, name: str, of: str = "") -> None:
+    """Make a new file with the dialog."""
+    page.click("#new")
+    script = """const one = document.querySelector('#new-kind');
+        one.value = arguments[0]; one.dispatchEvent(new Event('input'))"""
+    page.run(script, kind)
+    page.type("#new-name", name)
+    if of:
+        page.type("#new-of", of)
+    page.click("#ask .main")
+
+
+@needs_chromium
+@pytest.mark.long
+def test_new_files_are_made_from_templates_and_tried(tmp_path: Path) -> None:
+    with browser() as page, program(tmp_path, "edit") as (url, secret):
+        page.driver.set_window_size(1400, 1000)
+        page.open(f"{url}#token={secret}")
+        page.until(lambda: page.text("#may") == "May edit and save")
+        assert page.text("#what") == "No YAML file here yet: press New"
+        make(page, "protocol", "lamp")
+        page.until(lambda: "protocol: lamp" in text(page) and page.text("#problems .pill") == "None")
+        page.click("#new")
+        page.type("#new-name", "lamp")
+        page.until(lambda: page.text("#ask label + p, #ask p") == "Makes the file lamp.yaml")
+        page.click("#ask .main")
+        page.until(lambda: "lamp.yaml exists already" in page.text("#ask .why"))
+        page.click("#ask footer button")
+        make(page, "device", "hall", "lamp")
+        page.until(lambda: "device: hall" in text(page) and page.text("#problems .pill") == "None")
+        make(page, "run", "plant", "hall.device.yaml")
+        page.until(lambda: "run: plant" in text(page) and page.text("#problems .pill") == "None")
+        page.click("[data-tab=trial]")
+        page.until(lambda: page.driver.find_elements("css selector", "#trial button"))
+        page.click("#trial button")
+        page.until(lambda: "exchanges done" in page.text("#trial"))
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["hall.device.yaml", "lamp.yaml", "plant.run.yaml"]
+        assert page.errors() == []

@@ -210,7 +210,7 @@ def test_nothing_is_examined_before_a_file_is_open(tmp_path: Path) -> None:
 def test_another_page_or_name_is_not_let_in(tmp_path: Path) -> None:
     written(tmp_path)
     app = PageApp(Access(TOKEN))
-    app.board = EditBoard(EditedFolder(tmp_path))
+    app.show(EditBoard(EditedFolder(tmp_path)))
     client = TestClient(app.app, base_url=HOME)
     assert client.get("/", headers={"origin": "http://evil.example"}).status_code == 403
     for headers in ({"origin": "http://evil.example"}, {"host": "evil.example"}):

@@ -52,7 +52,7 @@ def test_a_dead_station_is_named_on_its_card_and_as_a_notice(tmp_path: Path) -> 
     for _ in range(40):
         page.run.run_for("1 s")
         found = cards(page)
-    assert found["Errors"].state == "bad" and "no_reply" in found["Errors"].text
+    assert found["Errors"].state == "bad" and "no reply" in found["Errors"].text
     assert found["Stations"].state == "bad" and "station 9" in found["Stations"].text
     assert found["Points"].value == "0 of 3"
     (notice,) = page.board.notices

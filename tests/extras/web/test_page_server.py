@@ -50,13 +50,13 @@ def page(tmp_path: Path) -> Page:
 @pytest.fixture
 def app(page: Page) -> PageApp:
     found = PageApp(Access(TOKEN))
-    found.board = page.board
+    found.show(page.board)
     return found
 
 
 def test_the_page_comes_with_its_rules(app: PageApp) -> None:
     client = TestClient(app.app, base_url=HOME)
-    for path in ("/", "/run.js", "/parts.js", "/page.css", *(f"/{name}" for name in chart_files())):
+    for path in ("/", "/board.js", "/parts.js", "/page.css", *(f"/{name}" for name in chart_files())):
         reply = client.get(path)
         assert reply.status_code == 200
         rules = reply.headers["content-security-policy"]
@@ -150,10 +150,15 @@ class Noted:
         self.texts.append(text)
 
 
+def browser_at(page: Page, socket: Any) -> server_module.Browser:
+    """Return the connection of a browser that is only tried."""
+    return server_module.Browser(socket, page.board, page.session(), "test:1", [])
+
+
 def test_texts_of_devices_have_their_marks_as_escapes(page: Page) -> None:
     texts = {"a\u202ebc\u2066": ["\u200f", "\x1b[2J", "\ud800", {"b": "line\nend\ttab"}, "😀 é \\u202e", None, 1.5]}
     socket = Noted()
-    browser = server_module.Browser(socket, page.session(), "test:1")  # type: ignore[arg-type]
+    browser = browser_at(page, socket)
     asyncio.run(browser._send(texts))
     assert json.loads(socket.texts[0]) == {
         r"a\u202ebc\u2066": [r"\u200f", r"\x1b[2J", r"\ud800", {"b": "line\nend\ttab"}, "😀 é \\u202e", None, 1.5]
@@ -176,7 +181,7 @@ def test_a_browser_that_takes_nothing_is_given_up_and_holds_nobody_up(
 ) -> None:
     async def drive() -> Browser:
         stuck = Stuck()
-        showing = asyncio.ensure_future(server_module.Browser(stuck, page.session(), "test:1")._show())  # type: ignore[arg-type]
+        showing = asyncio.ensure_future(browser_at(page, stuck)._show())
         await asyncio.sleep(0)
         session = page.session()
         other = Browser(session.hello())
@@ -187,7 +192,7 @@ def test_a_browser_that_takes_nothing_is_given_up_and_holds_nobody_up(
         assert stuck.tried == 1  # one message waits, and no other is made
         showing.cancel()
         monkeypatch.setattr(server_module, "LONGEST_SEND", 0)
-        await server_module.Browser(stuck, page.session(), "test:1")._show()  # type: ignore[arg-type]
+        await browser_at(page, stuck)._show()
         return other
 
     caplog.set_level("INFO", "framekit.extras.web")
@@ -298,8 +303,7 @@ def test_a_point_is_written_over_the_line_and_refused_out_of_range(
         server = WebServer("127.0.0.1", 0, Access(TOKEN))
         server.begin(WebBoard(shown_run(run, view_of(run, log))))
         async with run:
-            assert server.page.board is not None
-            session = server.page.board.session(server.access, "test:1")
+            session = server.page.boards[""].session(server.access, "test:1")
             while run.points["limit"].quality != "good":
                 await run.next_end()
             told: list[dict[str, object]] = [{"token": TOKEN}]
@@ -475,7 +479,7 @@ def test_a_browser_that_takes_nothing_is_disconnected(page: Page, monkeypatch: p
 
     monkeypatch.setattr(server_module, "LONGEST_SEND", 0)
     silent = Silent()
-    asyncio.run(server_module.Browser(silent, page.session(), "test:1").attend())  # type: ignore[arg-type]
+    asyncio.run(browser_at(page, silent).attend())
     assert silent.code == 1011
 
 

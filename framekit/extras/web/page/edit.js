@@ -1,4 +1,5 @@
 // The page of the editor: the text goes to the server when the user pauses; its problems and its meaning come back.
+import { NewFile } from "./edit_new.js";
 import { Form, showFrames, showReadings, showSequences } from "./edit_bytes.js";
 import { Tables } from "./edit_table.js";
 import { TextField } from "./edit_text.js";
@@ -10,15 +11,16 @@ const PAUSE = 300;
 const TABS = [["frames", "Frames"], ["build", "Build"], ["sequences", "Sequences"], ["trial", "Try it"]];
 
 const live = new Live({ hello, opened, checked, decoded: showReadings, form: what => form.fill(what), build: built, words: offered, cell: edited, outside,
-  offer: what => trial.offer(what), try: what => trial.show(what), done: saved },
+  offer: what => trial.offer(what), known: what => news.take(what.known), try: what => trial.show(what), done: saved },
   "edit and save", { opened: () => {}, allowed });
 const text = new TextField(at("editor"), { changed, words: (content, offset) => askWords(content, offset), save });
 const form = new Form(at("build"), (frame, inside) => live.say({ form: frame, inside, protocol: protocol() }),
   (frame, rows) => live.say({ build: frame, rows, protocol: protocol() }));
 const tables = new Tables(at("table"), change => askEdits(change), line => text.goTo(line));
 const trial = new Trial(at("trial"), ({ service, ...given }) => live.say({ try: service, ...given }));
+const news = new NewFile((what, ended) => live.act(what, ended));
 const kept = new Map();
-let file = "", digest = "", number = 0, waiting = 0, isOut = false, isStale = false, drawn = "", protocols = [], rows = [], edit = { number: 0, text: "" };
+let files = [], file = "", digest = "", number = 0, waiting = 0, isOut = false, isStale = false, drawn = "", protocols = [], rows = [], edit = { number: 0, text: "" };
 
 for (const [id, name] of TABS) {
   const tab = Object.assign(element("button", at("tabs")), { textContent: name, type: "button" });
@@ -44,12 +46,18 @@ function show(id) {
 function hello(what) {
   document.title = `framekit ${what.hello}`;
   at("title").textContent = what.hello.replace("edit ", "");
+  at("new").hidden = !what.makes;
   const before = file || what.first;
-  at("file").replaceChildren();
-  for (const name of what.files) Object.assign(element("option", at("file")), { textContent: name, value: name });
-  at("file").value = before;
+  list(what.files, before);
   if (before) live.say({ open: before });
-  else live.tell("There is no YAML file in this folder. Make one: framekit new protocol NAME");
+  else at("what").textContent = what.makes ? "No YAML file here yet: press New" : "";
+}
+
+function list(names, chosen) {
+  files = names;
+  at("file").replaceChildren();
+  for (const name of names) Object.assign(element("option", at("file")), { textContent: name, value: name });
+  at("file").value = chosen;
 }
 
 function opened(what) {
@@ -84,6 +92,11 @@ function keep() {
 
 at("file").addEventListener("change", () => live.say({ open: at("file").value }));
 at("save").addEventListener("click", save);
+at("new").addEventListener("click", () => {
+  if (!live.may) { at("lock").open = true; at("token").focus(); return; }
+  live.say({ known: true });
+  news.ask(files);
+});
 addEventListener("beforeunload", event => { keep(); if (kept.size) event.preventDefault(); });
 
 function allowed(yes) {
@@ -109,6 +122,11 @@ function save() {
 }
 
 function saved(what) {
+  if (what.made) {
+    list(what.files, what.made);
+    live.say({ open: what.made });
+    live.tell(`${what.made} is made`);
+  }
   if (what.saved === file) digest = what.digest;
   unsaved();
 }

@@ -21,13 +21,15 @@ function made(name, parent, given) {
 export function buildShell(words) {
   const bar = document.querySelector("header.bar");
   made("h1", bar, { id: "title", textContent: "framekit" });
+  made("nav", bar, { id: "pages", hidden: true }).setAttribute("aria-label", "pages");
   made("span", bar, { id: "state", className: "pill", textContent: "Connecting" }).setAttribute("role", "status");
   made("nav", bar, { id: "parts" }).setAttribute("aria-label", "parts of the page");
   made("p", bar, { id: "told" }).setAttribute("role", "status");
   const lock = made("details", bar, { id: "lock" });
   made("summary", lock, { id: "may", className: "pill", textContent: "Read only" });
   const key = made("form", lock, { id: "key", className: "card", autocomplete: "off" });
-  made("p", key, { textContent: `With the token you may ${words}. framekit prints it at the start.` });
+  made("p", key, { id: "allowed" });
+  showWords(words);
   const token = made("input", key, { id: "token", type: "password", autocomplete: "new-password", placeholder: "Token", spellcheck: false });
   token.setAttribute("aria-label", "token");
   made("button", key, { textContent: "Unlock" });
@@ -46,10 +48,29 @@ export function buildShell(words) {
 // A link to each part that is shown now: the cards with a heading.
 function linkParts() {
   const parts = [...document.querySelectorAll("main .card[id]")].filter(part => part.querySelector("header h2"));
-  const links = parts.map(part => made("a", at("parts"), { href: `#${part.id}`, textContent: part.querySelector("header h2").textContent }));
-  const show = () => parts.forEach((part, number) => { links[number].hidden = part.closest("[hidden]") !== null; });
+  const links = parts.map(part => made("a", at("parts"), { href: `#${part.id}` }));
+  const show = () => parts.forEach((part, number) => {
+    const text = part.querySelector("header h2").textContent;
+    links[number].hidden = part.closest("[hidden]") !== null;
+    if (links[number].textContent !== text) links[number].textContent = text;
+  });
   new MutationObserver(show).observe(document.querySelector("main"), { attributes: true, attributeFilter: ["hidden"], subtree: true });
   show();
+}
+
+export function showWords(words) {
+  at("allowed").textContent = `With the token you may ${words}. framekit prints it at the start.`;
+}
+
+// Links to the pages of this program, if there are several. `pages`: path and name of each.
+export function showPages(pages) {
+  const place = at("pages"), here = location.pathname.slice(1);
+  place.hidden = pages.length < 2;
+  place.replaceChildren();
+  for (const [path, name] of pages) {
+    const link = made("a", place, { href: `/${path}`, textContent: name });
+    if (path === here) link.setAttribute("aria-current", "page");
+  }
 }
 
 function paint() {

@@ -1,5 +1,7 @@
-// The page of a run: what has changed comes over the connection, and each part takes its own.
+// The page of a run, and of simulated devices: what has changed comes over the connection, and each part takes its own.
+import { Areas } from "./areas.js";
 import { Cards } from "./cards.js";
+import { Faults } from "./faults.js";
 import { Frames } from "./frames.js";
 import { Live, at } from "./live.js";
 import { Points } from "./points.js";
@@ -8,6 +10,7 @@ import { Trend } from "./trend.js";
 import { beginNotices, takeNotices } from "./notices.js";
 import { changed } from "./parts.js";
 
+const AREA_EVERY = 500;
 const live = new Live({
   hello: begin,
   table: what => tables.take(what),
@@ -19,23 +22,48 @@ const live = new Live({
   history: takeHistory,
   course: what => trend.takeCourse(what),
   ages: what => points.takeAges(what.ages),
+  area: what => areas.take(what),
+  find: what => areas.takeFound(what),
+  faults: what => faults.take(what),
 }, "fire and write", { opened: () => frames.opened(), allowed: () => {}, arrives: () => measure() });
 
 const cards = new Cards(at("cards")), frames = new Frames(live), tables = new Tables(live);
-const points = new Points(live, { picked: key => trend.toggle(key), marked: key => trend.chosen.indexOf(key) });
-const trend = new Trend(live, points);
-let began = null;
+let areas = null, faults = null, points = null, trend = null, began = null;
 
+// The first message of a connection: the parts are made once. A page that began anew is loaded anew.
 function begin(what) {
   if (began !== null && began !== what.began) { location.reload(); return; }
+  if (began === null) make(what.devices !== null);
   began = what.began;
   document.title = what.hello;
-  at("title").textContent = what.hello.replace(/^(run|serve) /, "");
+  at("title").textContent = what.devices ? what.devices.map(device => device.name).join(", ") : what.hello.replace(/^run /, "");
   at("points").parentElement.hidden = !what.points.length;
   tables.begin(what.tables, what.controls);
-  points.begin(what.points);
+  points.begin(what.points, behaviours(what.devices ?? []));
   trend.begin(what.stored);
-  beginNotices(what.began);
+  if (what.devices) {
+    areas.begin(what.devices);
+    faults.begin(what.devices);
+  } else beginNotices(what.began);
+}
+
+function make(are_devices) {
+  at("devices").hidden = !are_devices;
+  points = new Points(live, { picked: key => trend.toggle(key), marked: key => trend.chosen.indexOf(key), behaves: are_devices });
+  trend = new Trend(live, points);
+  if (!are_devices) return;
+  at("points").querySelector("h2").textContent = "Values";
+  live.allows("set values and switch faults");
+  areas = new Areas(live);
+  faults = new Faults(live);
+}
+
+// What each value of a device does by itself, by its name.
+function behaviours(devices) {
+  const found = new Map();
+  for (const { name, behaviours } of devices)
+    for (const [point, text] of Object.entries(behaviours)) found.set(devices.length > 1 ? `${name}: ${point}` : point, text);
+  return found;
 }
 
 function takeHistory(what) {
@@ -61,5 +89,7 @@ setInterval(() => {
   cards.second();
   points.second();
   trend.second();
+  faults?.ask();
 }, 1000);
+setInterval(() => { if (live.is_open && began !== null) areas?.ask(); }, AREA_EVERY);
 live.connect();
