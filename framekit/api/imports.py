@@ -1,6 +1,6 @@
 """Definitions converted from other programs' descriptions of protocols: the file is read, and its format found.
 
-A format is a row that an extra brings (`IMPORTERS` of `framekit/extras_table.py`). Its function takes the text of a
+A format is a row that an extra brings (`IMPORTERS` of `framekit/table_of_extras.py`). Its function takes the text of a
 file, the file name for messages, and the name of the new protocol. It raises DefinitionError for a text that is no such
 description.
 """
@@ -14,7 +14,7 @@ from pathlib import Path
 from framekit.api.errors import RequestError
 from framekit.definition.imported import ImportedDefinition
 from framekit.definition.problems import DefinitionError, Position, Problem
-from framekit.extras_table import IMPORTERS, load
+from framekit.table_of_extras import IMPORTERS, load
 
 MOST_BYTES = 1_000_000
 """Largest size of a file (bytes)."""

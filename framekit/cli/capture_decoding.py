@@ -28,7 +28,7 @@ from framekit.cli.common import (
     seen_text,
 )
 from framekit.definition.problems import plural
-from framekit.extras_table import OPTIONS, load
+from framekit.table_of_extras import OPTIONS, load
 
 if TYPE_CHECKING:
     from framekit import Seen

@@ -1,6 +1,6 @@
 """`framekit generate WHAT PROTOCOL`: write code or a document from a definition.
 
-The core writes Python; the other generators are brought by extras (`framekit/extras_table.py`). The functions here that
+The core writes Python; the other generators are brought by extras (`framekit/table_of_extras.py`). The functions here that
 are not of the verb are shared by generators.
 """
 
@@ -11,7 +11,7 @@ from pathlib import Path
 
 from framekit.cli.common import NAMES_HELP, VerbError, WordsError, add, load_codec, near, why_not
 from framekit.definition.problems import Problem
-from framekit.extras_table import GENERATORS, load
+from framekit.table_of_extras import GENERATORS, load
 
 LONGEST_FRAME = 65_536
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from framekit.extras_table import OPTIONS, load
+from framekit.table_of_extras import OPTIONS, load
 
 if TYPE_CHECKING:
     from framekit.api.monitor import LiveView

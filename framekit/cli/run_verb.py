@@ -35,7 +35,7 @@ from framekit.cli.live_output import LiveOutput, live_output
 from framekit.cli.live_session import LiveSession, show
 from framekit.cli.web_option import NoPage, add_web, page_of
 from framekit.definition.problems import error_text
-from framekit.extras_table import OPTIONS, load
+from framekit.table_of_extras import OPTIONS, load
 
 if TYPE_CHECKING:
     from framekit.api.monitor import LiveView

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from framekit.extras_table import EXTRAS, Verb, install_hints
+from framekit.table_of_extras import EXTRAS, Verb, install_hints
 
 _CORE: dict[str, dict[str, Verb]] = {
     "Try": {

@@ -8,7 +8,7 @@ from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING
 
 from framekit.cli.common import WordsError
-from framekit.extras_table import OPTIONS, load
+from framekit.table_of_extras import OPTIONS, load
 
 if TYPE_CHECKING:
     from framekit import AsyncServer

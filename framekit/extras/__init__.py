@@ -1,1 +1,1 @@
-"""Contain the optional parts of framekit: a folder for each. `framekit.extras_table` has what each brings."""
+"""Contain the optional parts of framekit: a folder for each. `framekit.table_of_extras` has what each brings."""

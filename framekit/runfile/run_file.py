@@ -26,7 +26,6 @@ from framekit.definition.nodes import Mapping as MappingNode
 from framekit.definition.problems import NOWHERE, DefinitionError, Problem, did_you_mean
 from framekit.definition.sources import edited_texts
 from framekit.definition.times import MOST_STATIONS
-from framekit.extras_table import SECTIONS, load
 from framekit.link.addresses import AddressGrammar
 from framekit.memory.profile import BlockWords, MemoryProfile, load_profile, load_profile_node, read_scan
 from framekit.run.block_words import check_items, status_sections, words_of
@@ -52,6 +51,7 @@ from framekit.runfile.points import PointsLoader
 from framekit.runfile.ports import doubled_ports
 from framekit.runfile.sinks import SinksLoader
 from framekit.runfile.transfers import OwnPlaces
+from framekit.table_of_extras import SECTIONS, load
 
 
 def load_run(path: Path, text: str | None = None) -> RunModel:

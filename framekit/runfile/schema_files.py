@@ -18,7 +18,6 @@ from framekit.definition.nodes import LANGUAGE
 from framekit.definition.schema import FIRST_KEYS
 from framekit.definition.sources import shipped_folder
 from framekit.definition.wire_types import TYPES
-from framekit.extras_table import SCHEMAS, load
 from framekit.memory.views import ORDERS, VIEWS
 from framekit.run.behaviours import BEHAVIOURS
 from framekit.run.behaviours import schema_of as schema_of_behaviour
@@ -26,6 +25,7 @@ from framekit.run.triggers import TRIGGERS
 from framekit.runfile import behave as behave  # registers a kind of behaviour
 from framekit.sinks import SINKS
 from framekit.sinks.base import schema_of
+from framekit.table_of_extras import SCHEMAS, load
 
 WIDTH = 140
 """Line width (characters) for values that contain other mappings."""

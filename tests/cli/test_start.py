@@ -44,6 +44,6 @@ def test_a_decoded_frame_needs_few_modules(tmp_path: Path) -> None:
         "framekit.codec.cache",
         "framekit.codec.errors", "framekit.codec.functions", "framekit.codec.shown", "framekit.definition",
         "framekit.definition.brought", "framekit.definition.installed", "framekit.definition.problems",
-        "framekit.definition.sources", "framekit.extras_table",
+        "framekit.definition.sources", "framekit.table_of_extras",
     }  # fmt: skip
     assert len(found) <= 81, "each module costs about 0.3 ms"

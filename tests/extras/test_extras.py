@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from framekit.cli import verb_table
-from framekit.extras_table import EXTRAS, GENERATORS, IMPORTERS, OPTIONS, SCHEMAS, SECTIONS, load
+from framekit.table_of_extras import EXTRAS, GENERATORS, IMPORTERS, OPTIONS, SCHEMAS, SECTIONS, load
 
 ROOT = Path(__file__).parents[2] / "framekit"
 
