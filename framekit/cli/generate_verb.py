@@ -1,7 +1,7 @@
 """`framekit generate WHAT PROTOCOL`: write code or a document from a definition.
 
-The core writes Python; the other generators are brought by extras (`framekit/table_of_extras.py`). The functions here that
-are not of the verb are shared by generators.
+The core writes Python; extras bring the other generators (`framekit/table_of_extras.py`), which share the functions
+here that are not of the verb.
 """
 
 from __future__ import annotations
