@@ -8,29 +8,18 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from shipped import PROTOCOLS
 
 import framekit
 from framekit.api.check import check_file
 from framekit.api.scan import FoundDevice, Scan, probe_of, stations_of
 from framekit.definition.load.protocol import load_protocol
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.sources import shipped_definitions
 
 STATIONS: dict[str, tuple[str, str]] = {"text": ("'AB'", "AB"), "bytes": ("'AB'", "AB")}
 """The station of the device and of the scan, by the type of stations; numbers: 3 of 1 to 5."""
 OWN = {"ccm": 9, "df1": 0, "bacnet-mstp": 7, "dnp3-link": 9}
 """Own stations, where requests name them."""
-
-
-def with_client() -> list[str]:
-    """Return the shipped protocols with a client that can ask for something."""
-    found = []
-    for path in shipped_definitions():
-        if path.name.count(".") == 1:
-            protocol = load_protocol(path)
-            if protocol.kind == "protocol" and protocol.asking_role is not None and protocol.services:
-                found.append(protocol.name)
-    return found
 
 
 def device_file(folder: Path, protocol: Protocol) -> list[Any] | None:
@@ -51,12 +40,21 @@ SLOW = ("ccm", "df1", "iec62056-21", "rk512-3964r", "snp", "snp-x")
 TIMEOUT = "200 ms"
 
 
-@pytest.mark.parametrize("name", with_client())
+def has_client(protocol: Protocol) -> bool:
+    """Return whether a role of the protocol sends requests of its own."""
+    return protocol.asking_role is not None and bool(protocol.services)
+
+
+@pytest.mark.parametrize("name", PROTOCOLS)
 def test_every_shipped_protocol_with_a_client_finds_its_device(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     protocol = load_protocol(name)
+    if not has_client(protocol):
+        with pytest.raises(framekit.RequestError, match="has no harmless request to find devices"):
+            framekit.scan(protocol, "sim:far.device.yaml")
+        return
     stations = device_file(tmp_path, protocol)
     present = 3 if protocol.station.type == "number" else None if stations is None else stations[0]
     if name in SLOW and stations is not None:
@@ -70,9 +68,13 @@ def test_every_shipped_protocol_with_a_client_finds_its_device(
         assert answers == [(present, "answers")]
 
 
-@pytest.mark.parametrize("name", with_client())
+@pytest.mark.parametrize("name", PROTOCOLS)
 def test_a_scan_sends_no_request_that_writes(name: str) -> None:
     protocol = load_protocol(name)
+    if not has_client(protocol):
+        with pytest.raises(framekit.RequestError, match="has no harmless request to find devices"):
+            probe_of(protocol)
+        return
     probe = probe_of(protocol)
     if probe.read is None:
         assert probe.call is not None
