@@ -8,15 +8,16 @@ import math
 import struct
 from functools import reduce
 from operator import or_, xor
-from types import FunctionType
+from types import FunctionType, ModuleType
 from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from framekit.codec import stuffing, support
-from framekit.codec.python.module import outer_names
+from framekit.codec import ciphers, stuffing, support
+from framekit.codec.python import runtime, runtime_diagnosis
+from framekit.codec.python.module import outer_names, whole_source
 
 UNITS = bytes.fromhex("12 34 56 78 11 22 33 44")
 FLOATS = {
@@ -408,6 +409,15 @@ def test_a_function_uses_nothing_but_functions_of_its_module_and_imports(name: s
     carried = {*FUNCTIONS, "Unfit", "Any", "Decimal", "array", "binascii", "byteorder", "re", "struct"}
     assert set(outer_names(FUNCTIONS[name])) <= carried | set(vars(builtins))
     assert inspect.getdoc(FUNCTIONS[name])
+
+
+@pytest.mark.parametrize(
+    "module", [support, stuffing, ciphers, runtime, runtime_diagnosis], ids=lambda one: one.__name__
+)
+def test_the_source_of_a_helper_is_that_of_its_file(module: ModuleType) -> None:
+    for name, value in vars(module).items():
+        if isinstance(value, FunctionType | type) and value.__module__ == module.__name__:
+            assert whole_source(value) == inspect.getsource(value), name
 
 
 def test_inlined_source_runs() -> None:

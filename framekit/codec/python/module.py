@@ -37,7 +37,41 @@ _ALWAYS = ("fault", "error", "spans")
 @cache
 def whole_source(value: Any) -> str:
     """Return the source of a function or class."""
-    return inspect.getsource(value)
+    module = sys.modules.get(value.__module__)
+    definition = None if module is None else _definitions(module).get(value.__name__)
+    if definition is None or vars(module).get(value.__name__) is not value:
+        return inspect.getsource(value)
+    return definition.source
+
+
+class _Definition(NamedTuple):
+    """A function or class at the top level of a module, parsed, with its source."""
+
+    node: ast.FunctionDef | ast.ClassDef
+    source: str
+
+
+@cache
+def _definitions(module: Any) -> Mapping[str, _Definition]:
+    """Return the functions and classes at the top level of a module by name; none without its source.
+
+    The module is parsed once: `inspect.getsource` searches all of it for each class, and tokenizes each function.
+    """
+    try:
+        lines = inspect.getsource(module).splitlines(keepends=True)
+    except (OSError, TypeError):
+        return {}
+    return {
+        node.name: _Definition(node, "".join(lines[_first_line(node) - 1 : node.end_lineno]))
+        for node in _parsed(module).body
+        if isinstance(node, ast.FunctionDef | ast.ClassDef)
+    }
+
+
+@cache
+def _parsed(module: Any) -> ast.Module:
+    """Return the parsed source of a module."""
+    return ast.parse(inspect.getsource(module))
 
 
 def used_methods(classes: Iterable[type], text: str) -> set[str]:
@@ -83,8 +117,8 @@ def _functions(text: str) -> tuple[ast.FunctionDef, ...]:
     return tuple(part for part in found.body if isinstance(part, ast.FunctionDef))
 
 
-def _first_line(function: ast.FunctionDef) -> int:
-    return min([function.lineno, *(decorator.lineno for decorator in function.decorator_list)])
+def _first_line(definition: ast.FunctionDef | ast.ClassDef) -> int:
+    return min([definition.lineno, *(decorator.lineno for decorator in definition.decorator_list)])
 
 
 _ORDER_NAMES = {"": "PLAIN", "<": "LITTLE", ">": "BIG"}
@@ -101,7 +135,7 @@ def add_helpers(module: Any) -> None:
     """Allow inlining of the functions of a module."""
     added = [one for one in _INLINED[OWN_HELPERS:] if one is module or one.__name__ != module.__name__]
     _INLINED[OWN_HELPERS:] = added if module in added else [*added, module]
-    for made in (inlined_names, _names_of_added, _defined, _imports_of):
+    for made in (inlined_names, _names_of_added, _defined, _imports_of, _definitions, _parsed):
         made.cache_clear()
 
 
@@ -171,7 +205,7 @@ class Import(NamedTuple):
 def _imports_of(module: Any) -> Mapping[str, Import]:
     """Return the imports at the top of a module by name, those of framekit excluded."""
     found: dict[str, Import] = {}
-    for node in ast.parse(inspect.getsource(module)).body:
+    for node in _parsed(module).body:
         if isinstance(node, ast.Import):
             for one in node.names:
                 whole = one.asname is not None and "." in one.name
@@ -197,12 +231,22 @@ def outer_names(helper: Any) -> tuple[str, ...]:
 
 def _bound(found: ast.AST) -> set[str]:
     """Return the names that a function binds inside itself."""
-    inside = [node for node in ast.walk(found) if node is not found]
-    bound = {node.arg for node in inside if isinstance(node, ast.arg)}
-    bound |= {node.id for node in inside if isinstance(node, ast.Name) and not isinstance(node.ctx, ast.Load)}
-    bound |= {node.name for node in inside if isinstance(node, ast.FunctionDef | ast.ClassDef)}
-    bound |= {node.name for node in inside if isinstance(node, ast.ExceptHandler) and node.name is not None}
-    return bound | {node.asname or node.name for node in inside if isinstance(node, ast.alias)}
+    bound: set[str] = set()
+    for node in ast.walk(found):
+        if node is found:
+            continue
+        match node:
+            case ast.arg():
+                bound.add(node.arg)
+            case ast.Name() if not isinstance(node.ctx, ast.Load):
+                bound.add(node.id)
+            case ast.FunctionDef() | ast.ClassDef():
+                bound.add(node.name)
+            case ast.ExceptHandler() if node.name is not None:
+                bound.add(node.name)
+            case ast.alias():
+                bound.add(node.asname or node.name)
+    return bound
 
 
 def _renamed(text: str, names: Mapping[str, str]) -> str:
