@@ -19,6 +19,11 @@ WHOLE = "FRAMEKIT_WHOLE" in os.environ
 """Whether the long tests try all cases of the largest matrices (minutes to hours); else they try a part of them."""
 
 
+def many(usual: int, whole: int) -> int:
+    """Return how many cases a long test tries: `usual`, or `whole` with `FRAMEKIT_WHOLE`."""
+    return whole if WHOLE else usual
+
+
 def spread(cases: Iterable[Any], every: int, first: int = 0, part: int = 1) -> list[Any]:
     """For `parametrize`: one case in `every` is short, from `first` on; the others are long, and so are large ones.
 

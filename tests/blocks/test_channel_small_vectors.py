@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 from framekit.definition.load.protocol import load_protocol
+from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import NOWHERE
 from framekit.extras.commreq.command_meaning import meaning_of
 from framekit.link.scope import Scope
@@ -16,15 +18,19 @@ from framekit.runfile.blocks import commands_for
 from framekit.runfile.devices import memory_of
 from framekit.runfile.job_profiles import load_job_profile
 
-SRTP = load_protocol("srtp")
 PROFILE = load_job_profile("ge-channels")
 READ = [17, 0, 8, 9, 0, 0, 2003, 5, 10, 3, 20, 0, 8, 100, 8, 50, 4, 1, 4, 3, 0, 0, 2]
 
 
+@cache
+def srtp() -> Protocol:
+    return load_protocol("srtp")
+
+
 def blocks() -> CommandBlocks:
-    application = commands_for(SRTP, "ge-channels", Path.cwd(), NOWHERE)
+    application = commands_for(srtp(), "ge-channels", Path.cwd(), NOWHERE)
     memory = DeviceMemory(memory_of(application)[0])
-    return CommandBlocks(application, memory, channel=Scope(SRTP, role="client"))
+    return CommandBlocks(application, memory, channel=Scope(srtp(), role="client"))
 
 
 def test_names_have_their_first_character_in_the_low_byte() -> None:
@@ -40,7 +46,7 @@ def test_status_words_and_periods() -> None:
     for offset, place in ((0, "%R1"), (99, "%R100")):
         words = list(READ)
         words[3] = offset
-        meaning = meaning_of(made.words.read(bytes_of(words)), made, SRTP)
+        meaning = meaning_of(made.words.read(bytes_of(words)), made, srtp())
         assert meaning.status == place and "every 20 s" in meaning.does[1], "unit 3, count 20"
 
 

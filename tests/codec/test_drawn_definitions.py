@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Callable
 from itertools import combinations_with_replacement
 from pathlib import Path
 from random import Random
@@ -12,7 +13,7 @@ from typing import Any
 import pytest
 from definition_trial import Trial
 from drawn_definitions import DRAWN, DrawnDefinition
-from spread import spread
+from spread import many, spread
 
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import EncodeError, FrameError
@@ -995,37 +996,41 @@ ASKED = os.environ.get("FRAMEKIT_DEFINITIONS", "")
 START, _, END = ASKED.rpartition("-")
 
 
-def firsts(usual: int) -> range:
-    """The first seeds of the pieces that are tried, of 500 each."""
-    return range(int(START or 0), int(END or usual), 500)
+PIECE = 100
+"""Number of seeds that a long test tries."""
+
+
+def firsts(usual: int, whole: int) -> range:
+    """Return the first seeds of the pieces that are tried."""
+    return range(int(START or 0), int(END or many(usual, whole)), PIECE)
+
+
+def results_of(first: int, trial: Callable[[int], str]) -> list[str]:
+    """Return the results of a piece. Raises AssertionError with the seeds that fail."""
+    results, failed = [], {}
+    for seed in range(first, first + PIECE):
+        try:
+            results.append(trial(seed))
+        except Exception as error:
+            failed[seed] = str(error)
+    assert not failed
+    return results
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("first", firsts(1000))
+@pytest.mark.parametrize("first", firsts(300, 4000))
 def test_thousands_of_definitions_hold(first: int) -> None:
     """Of any number of segments; a seed that fails is tried alone with `tried("612", ())`."""
-    results, failed = [], {}
-    for seed in range(first, first + 500):
-        try:
-            results.append(tried(str(seed), ()))
-        except Exception as error:
-            failed[seed] = str(error)
-    assert not failed
-    assert results.count("built") > 100
+    results = results_of(first, lambda seed: tried(str(seed), ()))
+    assert results.count("built") > PIECE // 5
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("first", firsts(500))
+@pytest.mark.parametrize("first", firsts(200, 4000))
 def test_definitions_with_parameters_state_and_more_functions_hold(first: int) -> None:
     """Tried alone: `tried("m612", (), more=True)`."""
-    results, failed = [], {}
-    for seed in range(first, first + 500):
-        try:
-            results.append(tried(f"m{seed}", (), more=True))
-        except Exception as error:
-            failed[seed] = str(error)
-    assert not failed
-    assert results.count("built") > 100
+    results = results_of(first, lambda seed: tried(f"m{seed}", (), more=True))
+    assert results.count("built") > PIECE // 5
 
 
 HELD = ("include", "repeat", "include", "choose", "check", "check", "length", "count", "data", "field", "wrap", "inner")
@@ -1039,21 +1044,14 @@ def alike(seed: int) -> str:
 
 
 def test_records_items_and_cases_may_have_the_same_names() -> None:
-    results = [alike(seed) for seed in range(150)]
-    assert results.count("built") > 10
+    results = [alike(seed) for seed in range(50)]
+    assert results.count("built") > 3
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("first", firsts(1000))
+@pytest.mark.parametrize("first", firsts(300, 4000))
 def test_many_records_items_and_cases_have_the_same_names(first: int) -> None:
-    results, failed = [], {}
-    for seed in range(first, first + 500):
-        try:
-            results.append(alike(seed))
-        except Exception as error:
-            failed[seed] = str(error)
-    assert not failed
-    assert results.count("built") > 20
+    assert results_of(first, alike).count("built") > PIECE // 25
 
 
 def test_a_few_definitions_with_parameters_and_state_hold() -> None:

@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 from service.late_world import LINES, MS, SECOND, LateWorld, OverlappingPort
 from service.stalled_process import Plan, StalledClock, StalledPort, once
-from spread import WHOLE, spread
+from spread import WHOLE, many, spread
 
 from framekit.link.services.client import TransferResult
 from framekit.run.model import Channel, FaultRule
@@ -38,7 +38,7 @@ STALLS = (0.1, 0.4, 1, 2, 5, 20, 60)
 """Durations of the stall (s)."""
 ROOMS = (1, 4, 64)
 """The most bytes that a read returns: with few there are stalls between two reads of one frame."""
-MANY = int(os.environ.get("FRAMEKIT_EXCHANGES", "2000"))
+MANY = int(os.environ.get("FRAMEKIT_EXCHANGES") or many(600, 2000))
 
 
 def some_late(times: float, seed: int, share: float = 0.3) -> Callable[[int], int]:
@@ -77,7 +77,7 @@ CASES = list(product(NAMES, LATE, (0, 2), (False, True), STALLS, (False, True), 
 
 
 @pytest.mark.parametrize(
-    ("name", "late", "retries", "is_network", "stall", "reads_first", "room"), spread(CASES, 4, part=19)
+    ("name", "late", "retries", "is_network", "stall", "reads_first", "room"), spread(CASES, 4, part=47)
 )
 def test_a_stall_stores_nothing_wrong(
     name: str, late: float, retries: int, is_network: bool, stall: float, reads_first: bool, room: int
@@ -90,8 +90,8 @@ def test_a_stall_stores_nothing_wrong(
 @pytest.mark.long
 @pytest.mark.parametrize(("name", "is_network"), list(product(NAMES, (False, True))))
 def test_no_stall_in_any_phase_stores_anything_wrong(name: str, is_network: bool) -> None:
-    """Each 19th phase, in each case other phases; each phase if the whole is asked for."""
-    step = 1 if WHOLE else 19
+    """Each 61st phase, in each case other phases; each phase if the whole is asked for."""
+    step = many(61, 1)
     for case, (late, retries, stall, reads_first) in enumerate(product(LATE, (0, 2), STALLS, (False, True))):
         room = ROOMS[case % 4 % 3]
         for number in range(1 + case % step, interactions(name, late, retries, is_network, room), step):
@@ -127,7 +127,7 @@ READ_IN_PIECES = (*NAMES, "modbus-ascii")
 
 
 @pytest.mark.parametrize(
-    ("name", "is_network", "stall", "room"), spread(product(READ_IN_PIECES, (False, True), STALLS, ROOMS), 16)
+    ("name", "is_network", "stall", "room"), spread(product(READ_IN_PIECES, (False, True), STALLS, ROOMS), 4, part=5)
 )
 def test_a_stall_between_two_reads_of_a_frame_damages_no_frame(
     name: str, is_network: bool, stall: float, room: int
@@ -158,7 +158,7 @@ def test_a_frame_that_stops_is_damaged_although_the_port_has_no_exact_times(name
     assert bad.at < 3.2 * SECOND
 
 
-@pytest.mark.parametrize(("name", "late", "stall"), spread(product(NAMES, LATE, STALLS), 9))
+@pytest.mark.parametrize(("name", "late", "stall"), spread(product(NAMES, LATE, STALLS), 4, part=3))
 def test_after_a_stall_the_loop_reads_first_where_the_port_does_not_know_of_unread_bytes(
     name: str, late: float, stall: float
 ) -> None:
@@ -304,7 +304,7 @@ def stalled_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[...
 RUNS = list(product(NAMES, (1.5, 6.5, 20), (0, 2), (False, True), STALLS))
 
 
-@pytest.mark.parametrize(("name", "late", "retries", "is_network", "stall"), spread(RUNS, 4, part=11))
+@pytest.mark.parametrize(("name", "late", "retries", "is_network", "stall"), spread(RUNS, 4, part=17))
 def test_blocks_points_jobs_and_reads_store_nothing_wrong(
     stalled_run: Callable[..., StalledRun], name: str, late: float, retries: int, is_network: bool, stall: float
 ) -> None:

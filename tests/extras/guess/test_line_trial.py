@@ -6,6 +6,7 @@ from random import Random
 
 import pytest
 from extras.guess.uart import SECOND, UartPort, Wire, receive
+from spread import many
 
 from framekit.definition.times import LineFormat, parse_format
 from framekit.extras.guess.line_trial import FORMATS, SPEEDS, HeardAt, LineTrial, Verdict, judge
@@ -99,7 +100,7 @@ def kinds_of(line: LineFormat) -> list[str]:
     return ["text", "hex"] if line.data_bits == 7 else list(TRAFFIC)
 
 
-CASES = [30, pytest.param(100, marks=pytest.mark.long)]
+CASES = [12, pytest.param(many(50, 300), marks=pytest.mark.long)]
 
 
 @pytest.mark.parametrize("count", CASES)

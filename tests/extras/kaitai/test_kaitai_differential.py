@@ -13,6 +13,7 @@ from definition_trial import Trial, damaged
 from drawn_definitions import DrawnDefinition
 from extras.kaitai.kaitai_world import Compared, Reader, compiled, needs_compiler
 from segment_cases import CASES
+from spread import many
 from strategies import base_context
 
 from framekit.codec.codec import Codec, compile_protocol
@@ -276,11 +277,14 @@ def test_the_bytes_of_every_kind_of_segment() -> None:
 
 
 @needs_compiler
-@pytest.mark.parametrize("first", [0, *(pytest.param(at, marks=pytest.mark.long) for at in range(100, 500, 100))])
-def test_drawn_definitions(first: int) -> None:
+@pytest.mark.parametrize(
+    ("first", "count"),
+    [(0, 25), *(pytest.param(at, 100, marks=pytest.mark.long) for at in range(25, many(200, 525), 100))],
+)
+def test_drawn_definitions(first: int, count: int) -> None:
     """Definitions of every kind of segment and key, with what they read damaged. Frames inside may be unknown."""
     drawn: list[tuple[Protocol, list[bytes]]] = []
-    for seed in range(first, first + 100):
+    for seed in range(first, first + count):
         definition_ = DrawnDefinition(seed, more=bool(seed % 2), alike=bool(seed % 3))
         try:
             trial = Trial(definition_.text, definition_.values, seed)
@@ -289,7 +293,7 @@ def test_drawn_definitions(first: int) -> None:
             continue
         if data is not None:
             drawn.append((trial.protocol, [data, *(damaged(data, trial.random) for _ in range(8))]))
-    assert len(drawn) > 10
+    assert len(drawn) > count // 10
     for (_, all_data), (reader, codec) in zip(drawn, readers([protocol for protocol, _ in drawn]), strict=True):
         found = [one for data in all_data for one in differences(reader, codec, "f", data)]
         told = any(word in one.what for one in reader.file.left_out for word in CHECKS)
