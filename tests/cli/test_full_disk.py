@@ -21,7 +21,7 @@ NO_ROOM = "standard output: No space left on device"
 pytestmark = pytest.mark.skipif(not FULL.exists(), reason="needs /dev/full")
 
 
-@pytest.fixture(params=["buffered", "unbuffered"])
+@pytest.fixture(params=["buffered", pytest.param("unbuffered", marks=pytest.mark.long)])
 def environment(request: pytest.FixtureRequest) -> dict[str, str]:
     """Return the environment of a program whose standard output is buffered, or is not."""
     others = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}

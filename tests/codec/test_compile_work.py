@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from spread import spread
 
 from framekit.api.check import check_file
 from framekit.codec.codec import compile_protocol
@@ -77,7 +78,7 @@ def calls(path: Path, shape: str, count: int) -> int:
     return sum(row[1] for row in pstats.Stats(profile).stats.values())  # type: ignore[attr-defined]
 
 
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("shape", spread([*SHAPES], 4))
 def test_the_work_of_a_check_grows_with_the_definition(tmp_path: Path, shape: str) -> None:
     path = tmp_path / "many.protocol.yaml"
     calls(path, shape, 1)  # imports and caches

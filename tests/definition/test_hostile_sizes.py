@@ -12,6 +12,7 @@ from types import FrameType
 from typing import Any
 
 import pytest
+from spread import spread
 
 from framekit.api.check import check_file
 from framekit.cli.main import main
@@ -91,13 +92,13 @@ def calls_of(work: Callable[[], object]) -> int:
     return count
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        unknown_keys, unknown_keys_of_a_field, keys_after_an_empty_one, unknown_types, value_names, equal_frames,
-        fields, conditions, cases, long_expression,
-    ],
-)  # fmt: skip
+GROWING = [
+    unknown_keys, unknown_keys_of_a_field, keys_after_an_empty_one, unknown_types, value_names, equal_frames,
+    fields, conditions, cases, long_expression,
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("text", spread(GROWING, 5))
 def test_the_work_of_loading_grows_with_the_size(text: Callable[[int], str]) -> None:
     size = 60
     problems_of(text(size))

@@ -190,6 +190,7 @@ def test_refused_files_from_the_command_line(tmp_path: Path, capsys: pytest.Capt
     assert path.read_bytes() == before[:5000]
 
 
+@pytest.mark.long
 def test_killed_again_and_again(tmp_path: Path) -> None:
     (tmp_path / "one.device.yaml").write_text(DEVICE, encoding="utf-8")
     often = RUN.replace("plant.state", "{file: plant.state, every: 100 ms}").replace("every: 1 s", "every: 20 ms")

@@ -148,6 +148,7 @@ def test_what_is_wrong_with_a_gateway_is_told(tmp_path: Path) -> None:
             assert member.troubles[:2] == ["not open: channel 1", "not good: point count"]
 
 
+@pytest.mark.long
 @needs_mosquitto
 def test_a_run_file_is_rolled_out_or_refused_whole(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
@@ -223,6 +224,7 @@ def test_a_file_that_is_too_large_or_no_text_is_not_sent(tmp_path: Path, capsys:
         assert told in capsys.readouterr().err
 
 
+@pytest.mark.long
 @needs_mosquitto
 def test_a_run_that_cannot_begin_is_the_one_of_before_again(tmp_path: Path) -> None:
     with Broker(tmp_path) as broker, Watcher(broker.port) as watcher:
@@ -297,6 +299,7 @@ def test_what_was_rolled_out_once_cannot_be_sent_again(tmp_path: Path) -> None:
         assert path.read_bytes() == old
 
 
+@pytest.mark.long
 @needs_mosquitto
 def test_a_broker_that_starts_again_hears_of_all_anew(tmp_path: Path) -> None:
     with Broker(tmp_path) as broker, Watcher(broker.port) as watcher:
@@ -315,6 +318,7 @@ def test_a_broker_that_starts_again_hears_of_all_anew(tmp_path: Path) -> None:
             listener.wait(lambda: str(last).encode() in listener.of("one/count"))
 
 
+@pytest.mark.long
 @needs_mosquitto
 def test_a_trial_that_a_kill_cut_off_is_over(tmp_path: Path) -> None:
     with Broker(tmp_path) as broker, Watcher(broker.port) as watcher:
@@ -326,6 +330,7 @@ def test_a_trial_that_a_kill_cut_off_is_over(tmp_path: Path) -> None:
         assert not list(path.parent.glob("*.trial")) and not list(path.parent.glob("*.before"))
 
 
+@pytest.mark.long
 @needs_mosquitto
 def test_two_of_one_name_are_told_and_both_go_on(tmp_path: Path) -> None:
     with Broker(tmp_path) as broker, Watcher(broker.port) as watcher:
@@ -339,6 +344,7 @@ def test_two_of_one_name_are_told_and_both_go_on(tmp_path: Path) -> None:
             listener.wait(lambda: listener.of("framekit/same/online")[-2:] == [b"0", b"1"])  # the first is there
 
 
+@pytest.mark.long
 @needs_mosquitto
 def test_what_gives_no_sign_of_life_is_silent(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with Broker(tmp_path) as broker, Listener(broker.port, "framekit/#") as listener:
@@ -358,6 +364,7 @@ def test_what_gives_no_sign_of_life_is_silent(tmp_path: Path, capsys: pytest.Cap
         assert json.loads(capsys.readouterr().out)["online"] is False
 
 
+@pytest.mark.long
 @needs_mosquitto
 def test_a_watch_tells_what_changes(tmp_path: Path) -> None:
     with Broker(tmp_path) as broker, Watcher(broker.port) as watcher:
@@ -382,6 +389,7 @@ def test_a_watch_tells_what_changes(tmp_path: Path) -> None:
                 assert watching.wait(30) == 0
 
 
+@pytest.mark.long
 def test_a_file_is_the_old_one_or_the_new_one_when_its_writer_is_killed(tmp_path: Path) -> None:
     path = tmp_path / "some"
     contents = [bytes([digit]) * 300_000 for digit in b"ab"]
@@ -509,6 +517,7 @@ def test_a_token_that_cannot_be_used_is_told(
     assert "fleet: the token has 5 characters – give 12 or more" in capsys.readouterr().err
 
 
+@pytest.mark.long
 @needs_mosquitto
 def test_what_was_changed_while_a_run_goes_on_stays_changed(tmp_path: Path) -> None:
     """Also where exchanges have failed, and the output is for programs."""
@@ -532,6 +541,7 @@ def test_what_was_changed_while_a_run_goes_on_stays_changed(tmp_path: Path) -> N
         assert "Traceback" not in path.with_name("printed").read_text()
 
 
+@pytest.mark.long
 @needs_mosquitto
 def test_one_process_at_a_time_takes_files_for_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with Broker(tmp_path) as broker, Watcher(broker.port) as watcher:
@@ -547,6 +557,7 @@ def test_one_process_at_a_time_takes_files_for_a_run(tmp_path: Path, capsys: pyt
         assert ReplacedFile(path).settle() and path.read_bytes() == old
 
 
+@pytest.mark.long
 @needs_mosquitto
 def test_control_lines_come_to_the_run_at_work(tmp_path: Path) -> None:
     with Broker(tmp_path) as broker, Watcher(broker.port) as watcher:

@@ -211,5 +211,12 @@ def _holder(found: Any, name: str, parts: tuple[str, ...]) -> Any:
 
 
 def reader_of(protocol: Protocol) -> Reader:
-    file = generate_kaitai(protocol)
-    return Reader(protocol, file, compiled([file.text])[0])
+    """Return the reader of one protocol."""
+    return readers_of([protocol])[0]
+
+
+def readers_of(protocols: Sequence[Protocol]) -> list[Reader]:
+    """Return the readers of protocols, compiled at once: the compiler takes longer to start than for a file."""
+    files = [generate_kaitai(one) for one in protocols]
+    tops = compiled([file.text for file in files])
+    return [Reader(protocol, file, top) for protocol, file, top in zip(protocols, files, tops, strict=True)]

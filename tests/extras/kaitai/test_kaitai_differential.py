@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from definition_trial import Trial, damaged
 from drawn_definitions import DrawnDefinition
-from extras.kaitai.kaitai_world import Compared, Reader, compiled, needs_compiler
+from extras.kaitai.kaitai_world import Compared, Reader, needs_compiler, readers_of
 from segment_cases import CASES
 from spread import many
 from strategies import base_context
@@ -216,9 +216,7 @@ def definition(text: str) -> Protocol:
 
 
 def readers(protocols: list[Protocol]) -> list[tuple[Reader, Codec]]:
-    files = [generate_kaitai(one) for one in protocols]
-    tops = compiled([file.text for file in files])
-    return [(Reader(p, f, top), compile_protocol(p)) for p, f, top in zip(protocols, files, tops, strict=True)]
+    return [(reader, compile_protocol(reader.protocol)) for reader in readers_of(protocols)]
 
 
 def differences(reader: Reader, codec: Codec, frame: str, data: bytes) -> list[str]:
@@ -266,6 +264,7 @@ CHECKS = (
 """Words of what is told where bad bytes may be read."""
 
 
+@pytest.mark.long
 @needs_compiler
 def test_the_bytes_of_every_kind_of_segment() -> None:
     pairs = readers([load_protocol_text(case.yaml) for case in CASES])

@@ -274,6 +274,7 @@ CODES = {
 SIZES = {"16": 2, "32": 4, "mod": 2, "xmo": 2, "jam": 4}
 
 
+@pytest.mark.long
 def test_check_codes_have_the_values_that_stream_device_names() -> None:
     for name, value in CODES.items():
         size = next((size for part, size in SIZES.items() if part in name.lower()), 1)

@@ -14,6 +14,8 @@ import pytest
 from extras.web.chromium import Looking, browser, needs_chromium, program
 from extras.web.edit_world import LAMP, written
 
+pytestmark = pytest.mark.long
+
 keys = pytest.importorskip("selenium.webdriver.common.keys").Keys
 IMAGES = Path(__file__).parents[3] / "docs" / "images"
 AREA = "#editor textarea"
