@@ -128,12 +128,12 @@ _NAMED = (LookupError, TypeError, AttributeError, AssertionError, NameError, Ari
 
 
 def error_text(error: BaseException) -> str:
-    """Return the cause of an error of the system or of a library, as a text for users; it is never empty.
+    """Return the cause of an error of the system or of a library, as one line for users; it is never empty.
 
     An error without a text has the cause of the error that it followed, or a sentence for its kind.
     """
-    text = (error.strerror if isinstance(error, OSError) else "") or str(error)
-    if text.strip():
+    text = " ".join(((error.strerror if isinstance(error, OSError) else "") or str(error)).split())
+    if text:
         return f"{type(error).__name__}: {text}" if isinstance(error, _NAMED) else text
     earlier = error.__cause__ or (None if error.__suppress_context__ else error.__context__)
     if earlier is not None and earlier is not error and str(earlier).strip():

@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 import threading
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
@@ -21,13 +21,27 @@ log = logging.getLogger(__name__)
 MOST_REPORTS = 100
 """Reports kept for a listener that registers later."""
 MOST_NAMED = 5
-"""Points that a message names."""
+"""Points that a message names, and parts that a joined report names."""
+AT_ONCE = 20
+"""Reports that are passed on within the time `CROWDED`; further ones are joined to one for each event. Also the number
+of parts that are listed at the end of a run; the others are counted.
+"""
+MOST_REASONS = 3
+"""Reasons that a joined report names."""
 
 SECOND, MINUTE, HOUR = 1_000_000_000, 60_000_000_000, 3_600_000_000_000
+
+CROWDED = 10 * SECOND
 
 Event = Literal["begins", "changes", "loses", "ends", "note"]
 """`changes`: another cause of a lasting trouble. `note`: an event that does not last, such as a jump of the clock."""
 
+
+MORE: dict[Event, str] = {
+    "begins": "are in trouble", "changes": "fail for another reason", "loses": "lose data", "ends": "work again",
+    "note": "have a message",
+}  # fmt: skip
+"""What the parts of a joined report do."""
 
 REMEDIES = (
     ("no space left on device", "make room there"),
@@ -94,9 +108,35 @@ def _loss(number: int, unit: str, points: Mapping[str, int]) -> str:
     return f"{plural(number, unit)} {'was' if number == 1 else 'were'} lost{where}"
 
 
+def most_frequent(counts: Mapping[str, int], most: int) -> str:
+    """Return the most frequent texts, the most frequent first; further ones are counted."""
+    named = [text for text, _ in Counter(counts).most_common(most)]
+    return "; ".join([*named, f"{len(counts) - most} more reasons"] if len(counts) > most else named)
+
+
+def listed_troubles(troubles: Sequence[Trouble]) -> list[str]:
+    """Return a line for each trouble, at most `AT_ONCE`; a last line joins the others with the sums of their losses."""
+    if len(troubles) <= AT_ONCE + 1:
+        return [str(trouble) for trouble in troubles]
+    others = troubles[AT_ONCE:]
+    points, losses = Counter[str](), Counter[str]()
+    for trouble in others:
+        points.update(trouble.points)
+        losses[trouble.unit] += trouble.lost
+    lost = [_loss(number, unit, points if unit == "sample" else {}) for unit, number in losses.items() if unit]
+    reasons = Counter(_cause(trouble) for trouble in others if trouble.reason)
+    line = ", ".join(filter(None, (most_frequent(reasons, MOST_REASONS), *lost)))
+    return [*map(str, troubles[:AT_ONCE]), f"{len(others)} more parts: {line}"]
+
+
+def _cause(trouble: Trouble) -> str:
+    """Return the reason of a trouble without remedy and effect."""
+    return trouble.reason.partition(" – ")[0]
+
+
 def waiting_text(number: int, most: int, where: str = "") -> str:
-    """Return a message such as `12 samples wait, the oldest are dropped from 100,000 on`."""
-    wait = f"{plural(number, 'sample')} {'waits' if number == 1 else 'wait'}{where}"
+    """Return a message such as `12 samples wait, the oldest are dropped from 100,000 on`; 0 has no number."""
+    wait = f"{plural(number, 'sample') if number else 'samples'} {'waits' if number == 1 else 'wait'}{where}"
     return f"{wait}, the oldest are dropped from {most:,} on"
 
 
@@ -143,6 +183,11 @@ class Dropped:
         self.points.update(names)
         if number < self._sent_up_to:
             self._in_flight.append((number, names))
+
+    def destroyed(self, samples: int, points: Mapping[str, int]) -> None:
+        """Count samples that were kept already, and their values by point."""
+        self.samples += samples
+        self.points.update(points)
 
     def confirmed(self, end: int) -> None:
         """Note that the samples before the number `end` have arrived: dropped samples among them do not count."""
@@ -240,11 +285,42 @@ class TroubleSource:
         )  # fmt: skip
 
 
+@dataclass(slots=True)
+class _Joined:
+    """Reports of one event that were not passed on."""
+
+    number: int = 0
+    names: list[str] = field(default_factory=list)
+    reasons: Counter[str] = field(default_factory=Counter)
+
+    def add(self, trouble: Trouble) -> None:
+        self.number += 1
+        if len(self.names) < MOST_NAMED:
+            self.names.append(trouble.name)
+        if trouble.reason:
+            self.reasons[_cause(trouble)] += 1
+
+    def report(self, event: Event, now: int) -> TroubleReport:
+        reason = most_frequent(self.reasons, MOST_REASONS)
+        names = ", ".join([*self.names, *(["…"] if self.number > len(self.names) else ())])
+        text = f"{self.number} more {MORE[event]}: {' – '.join(filter(None, (reason, names)))}"
+        trouble = Trouble(name="other parts", reason=reason, since=now, waiting=0, lost=0, unit="")
+        return TroubleReport(event, trouble, text, now)
+
+
 class Troubles:
-    """The troubles of a run. `now`: the run's clock."""
+    """The troubles of a run. `now`: the run's clock.
+
+    When many parts fail at once, such as all files on a full disk, the first reports are passed on, and the others are
+    joined to one report for each event: see `flush`.
+    """
 
     def __init__(self, now: Callable[[], int]) -> None:
         self.now = now
+        self._passed: deque[int] = deque(maxlen=AT_ONCE)
+        """Times of the last reports that were passed on."""
+        self._joined: dict[Event, _Joined] = {}
+        self._joined_since = 0
         self.lock = threading.RLock()
         self._sources: list[TroubleSource] = []
         self._listener: Callable[[TroubleReport], None] | None = None
@@ -281,7 +357,7 @@ class Troubles:
         return tuple(found.values())
 
     def listen(self, listener: Callable[[TroubleReport], None]) -> None:
-        """Give all reports to `listener`, one at a time, in the thread that met the trouble; first those not heard."""
+        """Give the reports to `listener`, one at a time, in the thread that met the trouble; first those not heard."""
         self._listener = listener
         self._deliver()
 
@@ -289,7 +365,25 @@ class Troubles:
         """Log a report, marked as `is_report` for programs that show reports, and give it to the listener."""
         level = logging.INFO if report.event == "ends" else logging.WARNING
         log.log(level, "%s", report.text, extra={"is_report": True})
-        self._pending.append(report)
+        self.flush()
+        with self.lock:
+            now = self.now()
+            if self._joined or (len(self._passed) == AT_ONCE and now - self._passed[0] < CROWDED):
+                self._joined_since = self._joined_since if self._joined else now
+                self._joined.setdefault(report.event, _Joined()).add(report.trouble)
+            else:
+                self._passed.append(now)
+                self._pending.append(report)
+        self._deliver()
+
+    def flush(self, *, at_end: bool = False) -> None:
+        """Pass on the joined reports, if the first of them is old enough or at the end of the run."""
+        with self.lock:
+            now = self.now()
+            if not self._joined or (now - self._joined_since < CROWDED and not at_end):
+                return
+            self._pending.extend(joined.report(event, now) for event, joined in self._joined.items())
+            self._joined = {}
         self._deliver()
 
     def _deliver(self) -> None:

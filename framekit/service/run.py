@@ -24,7 +24,7 @@ from framekit.run.model import POINTS_SET, Block, Channel, Point, RunModel
 from framekit.run.own_memory import AddressedMemory, addresses_of
 from framekit.run.scheduler import Scheduler
 from framekit.run.triggers import awaited_bits
-from framekit.run.trouble import Troubles, TroubleSource
+from framekit.run.trouble import Troubles, TroubleSource, listed_troubles
 from framekit.runfile.devices import put_values
 from framekit.service.channel import (
     ChannelOwner,
@@ -425,6 +425,7 @@ class RunService(ChannelOwner):
         self.sinks.stop()
         if self.keeper is not None:
             self.keeper.stop()
+        self.troubles.flush(at_end=True)
 
     def finish(self, done: Callable[[], None], within: int = LONGEST_SHUTDOWN) -> None:
         """End in good order: no further block starts, open sessions are closed, then `stop`, then `done`.
@@ -573,10 +574,10 @@ class RunService(ChannelOwner):
     @property
     def problems(self) -> list[str]:
         """Return the parts that fail now or have lost data: a state that cannot be written, sinks that take no
-        values.
+        values. Of many parts the first are listed, and the others are one line.
         """
         of_lines = {source.name for source in self._slow.values()} | self.values.names
-        return [str(trouble) for trouble in self.troubles.present() if trouble.name not in of_lines]
+        return listed_troubles([trouble for trouble in self.troubles.present() if trouble.name not in of_lines])
 
     @property
     def never_open(self) -> list[str]:

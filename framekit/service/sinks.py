@@ -10,7 +10,7 @@ import logging
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
@@ -159,7 +159,7 @@ class SinkFeeder:
         self._host = host
         self._troubles = troubles or Troubles(time.monotonic_ns)
         self._change = threading.Condition(threading.RLock())
-        self._ending = False
+        self._ending = self._is_over = False
         self._is_open = self._has_met = self._has_started = False
         self._thread: threading.Thread | None = None
         self._written = 0
@@ -170,9 +170,7 @@ class SinkFeeder:
         self._most = MOST_WAITING if store is None else store.most
         self._is_stored = store is not None
         name = f"sink {kind.word} {kind.target}"
-        self.trouble = self._troubles.source(
-            name, lambda: waiting_text(len(self._waiting), self._most), self._count, is_file=kind.is_local
-        )
+        self.trouble = self._troubles.source(name, self._effect, self._count, is_file=kind.is_local)
         self.store_trouble: TroubleSource | None = None
         if store is not None:
             self.store_trouble = self._troubles.source(
@@ -180,6 +178,10 @@ class SinkFeeder:
                 lambda: waiting_text(self._waiting.unsaved, MOST_WAITING, " in memory only"),
             )
         self._waiting = Waiting(store, threaded, self._change, self._store_state, self._overflows)
+
+    def _effect(self) -> str:
+        """Describe the consequence of a trouble for the samples; at the end the reason has it."""
+        return "" if self._is_over else waiting_text(len(self._waiting), self._most)
 
     def _count(self) -> Count:
         """Return the numbers of waiting and of lost samples."""
@@ -221,7 +223,7 @@ class SinkFeeder:
         if self._host is not None and not self._has_met:
             self._has_met = True
             report = partial(self._troubles.note, self.trouble.name)
-            self._sink.meet(_Meeting(self._host, self.lost, report))
+            self._sink.meet(_Meeting(self._host, self.lost, self.loses, report))
 
     def start(self) -> None:
         """Begin to take samples; those that an earlier run has left are sent first."""
@@ -247,6 +249,12 @@ class SinkFeeder:
             self._lost_server = problem
             self._change.notify_all()
 
+    def loses(self, samples: int, points: Mapping[str, int], why: str) -> None:
+        """Count samples that the sink had accepted, and has lost."""
+        with self._change:
+            self._refused.destroyed(samples, points)
+        self.trouble.loses(why)
+
     def end(self) -> None:
         """End the input: no more samples follow."""
         self._waiting.end()
@@ -265,7 +273,7 @@ class SinkFeeder:
             self._thread.join(max(0.0, until - time.monotonic()))
         else:
             self._feed()
-            self._close()
+            self._finish_sink()
         self._waiting.close()
 
     def finish(self, until: float) -> None:
@@ -292,7 +300,7 @@ class SinkFeeder:
             went_well = self._feed()
             if ending:
                 break
-        self._close()
+        self._finish_sink()
 
     def _feed(self) -> bool:
         """Pass the waiting samples to the sink; return False if it has failed."""
@@ -353,12 +361,24 @@ class SinkFeeder:
         """Note that too many samples wait."""
         self.trouble.loses(f"{self._most:,} samples wait, from now on the oldest are dropped")
 
-    def _close(self) -> None:
+    def _finish_sink(self) -> None:
+        """Close the sink at the end; a file that cannot be completed is a trouble."""
+        was_open = self._is_open
+        reason = self._close()
+        if reason and was_open and self.kind.is_local:
+            self._is_over = True
+            self.trouble.begins(reason)
+
+    def _close(self) -> str:
+        """Close the sink; return the reason if that fails, else ''."""
         self._is_open = False
         try:
             self._sink.close()
         except Exception as error:  # as above
-            log.warning("%s: %s", self.trouble.name, error_text(error))
+            reason = error_text(error)
+            log.warning("%s: %s", self.trouble.name, reason)
+            return reason
+        return ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -367,6 +387,7 @@ class _Meeting:
 
     host: SinkHost
     lost: Callable[[str], None]
+    loses: Callable[[int, Mapping[str, int], str], None]
     report: Callable[[str], None]
 
     @property

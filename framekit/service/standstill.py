@@ -1,4 +1,7 @@
-"""Report that the process stood still: it was suspended, or the machine was asleep or overloaded."""
+"""Report that the process stood still: it was suspended, or the machine was asleep or overloaded.
+
+Each look passes the joined reports of troubles on, too.
+"""
 
 from __future__ import annotations
 
@@ -36,6 +39,7 @@ class Standstill:
     def _look(self, number: int) -> None:
         if number != self._round:
             return
+        self._troubles.flush()
         now = self._clock.now()
         late = now - self._due
         if late > LONG:

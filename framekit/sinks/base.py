@@ -10,7 +10,7 @@ import errno
 import os
 import sys
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from fnmatch import fnmatchcase
 from importlib.util import find_spec
@@ -187,6 +187,11 @@ class Host(Interface):
 
     def now(self) -> int:
         """Return the time of the run's clock (ns), which never goes back."""
+
+    def loses(self, samples: int, points: Mapping[str, int], why: str) -> None:
+        """Report that accepted samples are lost, such as by another program that has cut the file; `points`: their
+        number of values by point.
+        """
 
     def report(self, what: str) -> None:
         """Report an event of the sink, such as an empty file where values should be, to the user."""

@@ -202,13 +202,13 @@ class LinesFile(Sink):
         """Open the file at the path if it is another file than the open one, or was cut."""
         change = "" if self._file is None or self._opened is None else self._opened.change(self._size)
         if change:
-            self.leave()
+            self.leave(change)
             self._begin()
             if self._host is not None:
                 self._host.report(change)
 
-    def leave(self) -> None:
-        """Close the file that is no longer at the path."""
+    def leave(self, change: str) -> None:
+        """Close the file that is no longer at the path, or was cut."""
         self._let_go()
 
     def _try_room(self) -> None:

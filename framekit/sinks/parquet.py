@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
@@ -17,8 +18,9 @@ from typing import Any, ClassVar, Literal
 from framekit.definition.keys import NUMBER, Form, key, words
 from framekit.definition.problems import error_text, plural
 from framekit.run.points import PointValue
-from framekit.sinks.base import FILE, Sink, SinkKind, good_value, not_installed, value_type
+from framekit.sinks.base import FILE, Sampled, Sink, SinkKind, good_value, not_installed, value_type
 from framekit.sinks.files import LinesFile, begins_like, keep_newest, name_with, stamp_of
+from framekit.sinks.opened_file import CUT
 
 CELLS_AT_ONCE = 500_000
 """Largest number of values in memory while a file is made."""
@@ -50,30 +52,55 @@ class ParquetFiles(SinkKind):
 
 
 class ParquetSink(LinesFile):
-    """Rows wait as lines; each has the time and the changed values. A finished file is never written again."""
+    """Rows wait as lines; each has the time and the changed values. A finished file is never written again.
+
+    Rows that another program destroys before they are in a Parquet file are counted as lost.
+    """
 
     noun: ClassVar[str] = "file of rows"
 
     def __init__(self, path: Path, rotate: Literal["hour", "day"], keep: int | None) -> None:
         super().__init__(path.with_name(f"{path.name}.part"), rotate, None)
         self.finished, self._most = path, keep
-        self._rows = 0
-        """Number of rows since the last Parquet file, as far as this run has made them."""
+        self._rows, self._values = 0, Counter[str]()
+        """Rows of this run in the file of rows, and their values by point."""
+        self._own_from = 0
+        """Offset of the first of these rows; those before are of an earlier run."""
 
     def head(self) -> bytes:
         columns = [(point.name, value_type(point), point.unit) for point in self._points]
         return json.dumps({"columns": columns}, ensure_ascii=False).encode() + b"\n"
 
     def lines(self, time: str, values: Sequence[PointValue]) -> Iterator[bytes]:
-        self._rows += 1
         yield json.dumps([time, {one.name: good_value(one) for one in values}], ensure_ascii=False).encode() + b"\n"
 
     def is_own(self, data: bytes) -> bool:
         return begins_like(data, rb'\{"columns": \[', b'{"columns": [')
 
+    def _begin(self) -> None:
+        super()._begin()
+        if not self._rows:
+            self._own_from = self._size
+
+    def write(self, samples: Sequence[Sampled]) -> int:
+        accepted = super().write(samples)
+        self._rows += accepted
+        for sample in samples[:accepted]:
+            self._values.update(value.name for value in sample.values)
+        return accepted
+
     def put_aside(self, stamp: str) -> Path:
-        """Convert the rows to a Parquet file and return its name; they are deleted when it is complete."""
-        target = self._convert(self.path, stamp)
+        """Convert the rows to a Parquet file and return its name; they are deleted when it is complete.
+
+        Rows that cannot be converted, because another program has changed them, are renamed and counted as lost.
+        """
+        try:
+            target = self._convert(self.path, stamp)
+        except (ValueError, TypeError, LookupError) as error:
+            target = name_with(self.path, stamp)
+            self.path.rename(target)
+            self._lose(f"the rows in {target} cannot be converted: {error_text(error)}")
+            return target
         self.path.unlink()
         return target
 
@@ -89,21 +116,50 @@ class ParquetSink(LinesFile):
         finally:
             half.unlink(missing_ok=True)
         self._rows = 0
+        self._values.clear()
         self._aside.append(target)
         keep_newest(self.finished, self._most, self._aside)
         return target
 
-    def leave(self) -> None:
-        """Convert the rows of a moved or deleted file, which is still open: they exist nowhere else."""
+    def leave(self, change: str) -> None:
+        """Count the rows that another program has cut off, and convert those of a moved or deleted file, which is still
+        open: they exist nowhere else.
+        """
         try:
-            if self._file is not None and self._began:
-                os.lseek(self._file, 0, os.SEEK_SET)
-                self._convert(self._file, stamp_of(self._began))
-        except (OSError, ValueError, StopIteration) as error:
-            if self._host is not None:
-                self._host.report(f"{plural(self._rows, 'row')} of the moved file were lost: {error_text(error)}")
+            if self._file is not None:
+                self._count_cut_rows(self._file)
+                if change != CUT and self._began:
+                    os.lseek(self._file, 0, os.SEEK_SET)
+                    self._convert(self._file, stamp_of(self._began))
+        except (OSError, ValueError, TypeError, LookupError) as error:
+            self._lose(f"its rows cannot be converted: {error_text(error)}")
         finally:
-            super().leave()
+            super().leave(change)
+
+    def _count_cut_rows(self, file: int) -> None:
+        """Count the rows of this run that are no longer in the open file as lost."""
+        size = os.fstat(file).st_size
+        if size >= self._size:
+            return
+        kept, values = 0, Counter[str]()
+        if size > self._own_from:
+            os.lseek(file, self._own_from, os.SEEK_SET)
+            with open(file, "rb", closefd=False) as source:
+                for line in source:
+                    if line.endswith(b"\n"):
+                        kept += 1
+                        values.update(iter(json.loads(line)[1]))
+        lost, points = self._rows - kept, self._values - values
+        self._rows, self._values = kept, values
+        if lost and self._host is not None:
+            self._host.loses(lost, points, f"another program has cut {plural(lost, 'row')} off {self.path}")
+
+    def _lose(self, why: str) -> None:
+        """Count all rows of this run in the file of rows as lost."""
+        if self._host is not None:
+            self._host.loses(self._rows, self._values, why)
+        self._rows = 0
+        self._values.clear()
 
     def close(self) -> None:
         """Convert the rows of the last hour, so that its file is readable."""
@@ -111,6 +167,8 @@ class ParquetSink(LinesFile):
             self._follow_path()
             if self._file is not None and self._began:
                 self._finish()
+        except OSError as error:
+            raise OSError(error.errno, f"the last rows stay in {self.path}: {error_text(error)}") from error
         finally:
             super().close()
 
@@ -118,13 +176,13 @@ class ParquetSink(LinesFile):
 def write_parquet(lines: Path | int, target: Path) -> None:
     """Convert the lines of a file, or of a file descriptor, to a Parquet file, without a line that a crash has cut.
 
-    Raises OSError and ValueError.
+    Raises OSError; ValueError, TypeError and LookupError for lines that are no rows.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     with open(lines, encoding="utf-8", closefd=isinstance(lines, Path)) as source:
-        columns = json.loads(next(source))["columns"]
+        columns = json.loads(next(source, ""))["columns"]
         types = {
             name: pa.type_for_alias(kind) if "(" not in kind else pa.decimal128(38, 0) for name, kind, _ in columns
         }

@@ -45,7 +45,8 @@ def _following(error: Exception, earlier: Exception) -> Exception:
      (EOFError(), "the other side has closed the connection"), (KeyError("level"), "KeyError: 'level'"),
      (_following(RuntimeError(), OSError(5, "Input/output error")), "Input/output error"),
      (_following(RuntimeError(" "), RuntimeError()), "an error of the kind RuntimeError, without a text"),
-     (ValueError("no number"), "no number"), (MemoryError(), "not enough memory")],
+     (OSError("refused\n\tIs it on?\n"), "refused Is it on?"), (ValueError("no number"), "no number"),
+     (MemoryError(), "not enough memory")],
 )  # fmt: skip
 def test_the_text_of_an_error_is_never_empty(error: Exception, text: str) -> None:
     assert error_text(error) == text

@@ -318,9 +318,9 @@ def test_a_capture_begins_anew_with_its_head(
     capture = Capture(path, (1,), clock, troubles, later=later)
     capture.write(1, LineEvent("data", 1, "in", b"one"))
     if later:
-        sink = capture._sinks[1]._behind  # type: ignore[union-attr]
-        with sink._change:
-            assert sink._change.wait_for(lambda: not sink._waiting, timeout=60)
+        queue = capture._sinks[1]._queue  # type: ignore[union-attr]
+        with queue.change:
+            assert queue.change.wait_for(lambda: not queue.waiting, timeout=60)
     change(path)
     capture.write(1, LineEvent("data", 2, "in", b"two"))
     capture.close()

@@ -14,8 +14,9 @@ from points.test_sinks import run_file
 from framekit.api.rows import trouble_row
 from framekit.api.run import VirtualRun
 from framekit.cli.main import main
-from framekit.run.trouble import Count, Dropped, Trouble, TroubleReport, Troubles, lasted
+from framekit.run.trouble import AT_ONCE, Count, Dropped, Trouble, TroubleReport, Troubles, lasted, listed_troubles
 from framekit.service.capture import _Sink
+from framekit.sinks.files import CsvColumns
 
 SECOND = 1_000_000_000
 
@@ -109,6 +110,67 @@ def test_many_points_are_counted_not_named() -> None:
 )
 def test_durations(time: float, text: str) -> None:
     assert lasted(round(time * SECOND)) == text
+
+
+def test_many_troubles_at_once_are_joined() -> None:
+    time = 0
+    reports: list[tuple[str, str]] = []
+    troubles = Troubles(lambda: time)
+    troubles.listen(lambda report: reports.append((report.event, report.text)))
+    counts = [Count(0, 2, {"level": 2, f"point {number}": 1}) for number in range(500)]
+    sources = [
+        troubles.source(f"sink csv {number}.csv", lambda: "samples wait", lambda number=number: counts[number])
+        for number in range(500)
+    ]
+    for number, source in enumerate(sources):
+        source.begins("Input/output error" if number % 10 == 9 else "No space left on device")
+    assert len(reports) == AT_ONCE, "the first, at once"
+    assert reports[0] == ("begins", "sink csv 0.csv: No space left on device – make room there; samples wait")
+    troubles.flush()
+    assert len(reports) == AT_ONCE
+    time += 10 * SECOND
+    troubles.flush()
+    assert reports[AT_ONCE:] == [(
+        "begins",
+        "480 more are in trouble: No space left on device; Input/output error – sink csv 20.csv, sink csv 21.csv, "
+        "sink csv 22.csv, sink csv 23.csv, sink csv 24.csv, …",
+    )]  # fmt: skip
+    lines = listed_troubles(troubles.present())
+    assert len(lines) == AT_ONCE + 1
+    assert lines[-1] == (
+        "480 more parts: No space left on device; Input/output error, 960 samples were lost "
+        "(level 960, point 20 1, point 21 1, point 22 1, point 23 1, and 476 more points)"
+    )
+    del reports[:]
+    for source in sources:
+        source.ends()
+        source.begins("No space left on device")
+    assert len(reports) == AT_ONCE
+    troubles.flush(at_end=True)
+    assert [(event, text.partition(":")[0]) for event, text in reports[AT_ONCE:]] == [
+        ("ends", "490 more work again"), ("begins", "490 more are in trouble"),
+    ]  # fmt: skip
+    time += 60 * SECOND
+    sources[7].ends()
+    assert len(reports) == AT_ONCE + 3 and reports[-1][1].startswith("sink csv 7.csv: works again"), "one at a time"
+
+
+@pytest.mark.usefixtures("small_heap")
+def test_many_sinks_in_trouble_have_a_bounded_output(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = str(run_file(tmp_path, *(f"{{csv: s{number:03}.csv, every: 1 s}}" for number in range(100))))
+    monkeypatch.setattr(CsvColumns, "write", _full)
+    assert main(["run", run, "--virtual", "--for", "20500ms", "--quiet"]) == 1
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == AT_ONCE + 1 + AT_ONCE + 1
+    assert lines[AT_ONCE].startswith(f"80 more are in trouble: No space left on device – sink csv {tmp_path}/s020.csv")
+    lost = "1600 samples were lost (temperature 1600, state 1600)"
+    assert lines[-1] == f"80 more parts: No space left on device, {lost}"
+
+
+def _full(sink: Any, samples: Any) -> int:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 # ---- the command line ----------------------------------------------------------------------------------------
