@@ -240,8 +240,17 @@ class Engine:
         return self._finish()
 
     def line_break(self, now: int) -> list[Command]:
-        """Note that the line was in break state; the beginning of a frame before it is noise."""
+        """Note that the line was in break state. It ends a frame as silence does: if the frame is complete, it is good.
+
+        A frame that it breaks off is shown and counted as bad; runs handle the break only.
+        """
         self.scope.now = self.output.last_received = now
+        if self.receiver.has_unread:
+            self.is_busy = True
+            try:
+                self._break_off()
+            finally:
+                self.is_busy = False
         self.reception.drop()
         self.machine.show("break", "in")
         for run in self.machine.order:
@@ -620,6 +629,16 @@ class Engine:
         finally:
             self.is_busy = False
 
+    def _break_off(self) -> None:
+        """End the frame at hand here: a complete frame is good, any other is only shown and counted as bad."""
+        self.receiver.cut()
+        self.receiver.tick(self.scope.now)
+        self.reception.cutting = True
+        try:
+            self._settle(self.ready)
+        finally:
+            self.reception.cutting = False
+
     def _tick(self, now: int) -> None:
         """Handle everything that is due, in the documented order; also times that become due at the same instant."""
         now = self.scope.now = self.late.heard_until = max(now, self.scope.now)
@@ -661,13 +680,7 @@ class Engine:
         if run.state is RECEIVING and run.candidate is not None:
             run.deadline = NEVER
             run.cause = "a frame began and was not completed in time"
-            self.receiver.cut()
-            self.receiver.tick(self.scope.now)
-            self.reception.cutting = True
-            try:
-                self._settle(self.ready)
-            finally:
-                self.reception.cutting = False
+            self._break_off()
             if run.state is not RECEIVING or run.wait_number != number:
                 return
         self.machine.time_up(run)

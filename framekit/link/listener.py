@@ -129,10 +129,9 @@ class Listener:
             self._flush(wires)
 
     def line_break(self, now: int, direction: Direction = "in") -> None:
-        """Handle a break state of the line; unfinished frames become noise."""
+        """Handle a break state of the line: it ends frames as silence does."""
         self.scope.now = max(self.scope.now, now)
-        for wires in self._wires.values():
-            self._flush(wires)
+        self._end_frames(now)
         self._show("break", now, direction)
 
     def tick(self, now: int) -> None:
@@ -149,6 +148,10 @@ class Listener:
     def ended(self, now: int) -> None:
         """Handle the end of the input: report the remaining bytes."""
         self.tick(now)
+        self._end_frames(now)
+
+    def _end_frames(self, now: int) -> None:
+        """End all frames here, and report the remaining bytes."""
         for wires in self._wires.values():
             wires.receiver.cut()
             wires.receiver.tick(now)

@@ -33,7 +33,7 @@ class Reception:
         self.has_candidates = False
         """Whether a frame has begun to arrive for a waiting run since the receiver was without bytes."""
         self.cutting = False
-        """Whether frames are broken off because a time limit has run out; they are only shown."""
+        """Whether frames are broken off, because a time limit has run out or by a break; they are only shown."""
         self._reported = ReportedBytes()
         replies = machine.late.expected.frames  # first: the bytes of a reply may fit a request too
         self._all = tuple(sorted(machine.table.on_line, key=lambda name: name not in replies))

@@ -323,6 +323,36 @@ main:
     assert side.outcomes[0].outcome == "somebody", "the byte was there when the step began"
 
 
+BREAKS = """
+protocol: breaks
+line: {speed: 250000, format: 8N2}
+receiver: {quiet: 1 ms}
+state: {slots: {scope: device, type: u16}, bad: {scope: device, type: u16}, breaks: {scope: device, type: u16}}
+frames:
+  dmx: {body: [{const: 00}, {data: d, size: rest}]}
+  rdm: {body: [{const: CC}, {length: n, type: u8, of: [d]}, {data: d, size: n}, {check: sum8}]}
+sequences:
+  hear:
+    steps:
+      - step: idle
+        receive: [{frame: dmx, set: {slots: len(it.d)}, then: again}, {frame: rdm, then: again}]
+        on_break: {set: {breaks: breaks + 1}, then: again}
+        on_bad: {set: {bad: bad + 1}, then: again}
+roles: {lamp: {lanes: {main: {listen: hear}}}}
+"""
+
+
+@pytest.mark.parametrize(("data", "counts", "slots"), [("00 11 22", (1, 0, 0), 2), ("CC 05 11", (0, 1, 0), 0)])
+def test_a_break_ends_a_frame_as_silence_does(data: str, counts: tuple[int, int, int], slots: int) -> None:
+    """The frame is good or bad, never lost; the run handles the break after a good frame, and alone otherwise."""
+    side = Side(BREAKS, "lamp")
+    side.gets(bytes.fromhex(data), whole=True)
+    side.line_break()
+    counters = side.engine.counters
+    assert (counters.received, counters.bad, counters.noise_bytes) == counts
+    assert [side.engine.scope.device[name] for name in ("slots", "bad", "breaks")] == [slots, 0, 1]
+
+
 # ---- handlers ----------------------------------------------------------------------------------------------
 
 HANDLERS = """

@@ -130,11 +130,12 @@ def test_without_a_gap_a_long_silence_ends_what_is_unfinished() -> None:
     assert bench.listener.deadline == NEVER
 
 
-def test_a_break_drops_what_is_unfinished() -> None:
+@pytest.mark.parametrize(("size", "kind"), [(4, "bad"), (len(ASK), "frame")])
+def test_a_frame_that_a_break_ends_is_good_and_one_that_it_breaks_off_is_bad(size: int, kind: str) -> None:
     bench = Bench("modbus-rtu")
-    bench.hear(ASK[:4])
+    bench.hear(ASK[:size])
     bench.listener.line_break(bench.now + MS)
-    assert [(seen.kind, seen.raw) for seen in bench.seen] == [("noise", ASK[:4]), ("break", b"")]
+    assert [(seen.kind, seen.raw) for seen in bench.seen] == [(kind, ASK[:size]), ("break", b"")]
 
 
 def test_another_sender_drops_what_is_unfinished() -> None:
