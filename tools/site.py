@@ -47,7 +47,7 @@ SECTIONS: dict[str, list[str]] = {
     ],
     "How it works": [
         "docs/architecture.md", "docs/receiver.md", "docs/performance.md", "docs/internals/performance.md",
-        "docs/internals/guess.md", "docs/extending.md", "CONTRIBUTING.md",
+        "docs/internals/guess.md", "docs/internals/tests.md", "docs/extending.md", "CONTRIBUTING.md",
     ],
     "Protocols": sorted(str(page.relative_to(ROOT)) for page in ROOT.glob("docs/protocols/*.md")),
 }  # fmt: skip
@@ -75,12 +75,12 @@ def lay_out(pages: Path) -> None:
     for file in ("CONTRIBUTING.md", "SECURITY.md"):
         shutil.copy(ROOT / file, pages / file)
     tests = pages / "tests"  # pages name a few tests
-    for page in pages.glob("docs/**/*.md"):
-        for target in ROOT.glob("tests/**/*.py"):
-            if f"{target.relative_to(ROOT)})" in page.read_text("utf-8"):
-                place = tests / target.relative_to(ROOT / "tests")
-                place.parent.mkdir(parents=True, exist_ok=True)
-                shutil.copy(target, place)
+    text = "".join(page.read_text("utf-8") for page in pages.glob("docs/**/*.md"))
+    for target in ROOT.glob("tests/**/*.py"):
+        if f"{target.relative_to(ROOT)})" in text:
+            place = tests / target.relative_to(ROOT / "tests")
+            place.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(target, place)
     (pages / "site.css").write_text(STYLE, "utf-8")
 
 
