@@ -1,4 +1,4 @@
-"""Which keys of the schema stand in executed examples: those of the guide, and the cases of segments."""
+"""The keys of the schema that occur in executed examples: those of the guide, and the cases of segments."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 import yaml
-from docs.pages import GUIDE, snippets
+from docs.pages import EXAMPLES, GUIDE, excerpt_of, snippets
 from segment_cases import SECTIONS
 
 from framekit.runfile.reference_page import PagePart, Reference, Schema
@@ -14,12 +14,15 @@ from framekit.runfile.reference_page import PagePart, Reference, Schema
 Key = tuple[str, str]
 """A part of the reference page and a key of it."""
 SHARED = {"segment_name", "when", "refuse", "number_order", "digit_case"}
-"""Definitions of the schema that are one key of many segments."""
+"""Definitions of the schema that many segments share as a single key."""
 
 
 def examples() -> Iterator[dict[str, Any]]:
-    """Every protocol file that the guide shows, and that the cases of segments are tried in."""
-    texts = [snippet.text for page in GUIDE for snippet in snippets(page) if snippet.file]
+    """Yield every protocol file of the guide, and those that the cases of segments are tested in."""
+    texts = [
+        snippet.text for page in GUIDE for snippet in snippets(page) if snippet.file and excerpt_of(snippet) is None
+    ]
+    texts += [file.read_text("utf-8") for file in (EXAMPLES / "language").glob("*.yaml")]
     texts += [case.yaml for cases in SECTIONS.values() for case in cases]
     for text in texts:
         found = yaml.load(text, yaml.BaseLoader)
@@ -28,14 +31,14 @@ def examples() -> Iterator[dict[str, Any]]:
 
 
 class Used:
-    """The keys that values have, told by the names that the reference page gives the parts of the schema."""
+    """Collect the keys of values, by the names of the parts of the reference page."""
 
     def __init__(self, reference: Reference) -> None:
         self.reference = reference
         self.keys: set[Key] = set()
 
     def all_keys(self) -> set[Key]:
-        """Every key there is; `doc` is for people and shows nothing."""
+        """Return every key of the schema but `doc`, which is for readers."""
         return {
             self.key_of(part, key)
             for part in self.reference.parts.values()
@@ -44,12 +47,12 @@ class Used:
         }
 
     def key_of(self, part: PagePart, key: str) -> Key:
-        """A key that many parts have, described once in the schema, is one key."""
+        """Return the part and name of a key; a key that many parts share belongs to `any segment`."""
         shared = str(part.schema["properties"][key].get("$ref", "")).partition("#/$defs/")[2]
         return ("any segment" if shared in SHARED else part.name, key)
 
     def visit(self, schema: Schema, value: object) -> None:
-        """Notes the keys of a value, and of what is in it."""
+        """Record the keys of a value and of its content."""
         if "$ref" in schema:
             self.visit(self.reference.target(schema["$ref"]), value)
         elif isinstance(value, dict):

@@ -13,6 +13,7 @@ TOP = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "SECURITY.md"]
 PAGES = [*TOP, ROOT / "examples" / "README.md", *sorted(DOCS.glob("**/*.md"))]
 GUIDE = [DOCS / "language.md", *sorted((DOCS / "language").glob("*.md"))]
 """The guide to the language: pages that people read from top to bottom."""
+EXAMPLES = ROOT / "examples"
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 FILE = re.compile(r"(?:# |/\* )file: (\S+)(?: \*/)?")
 
@@ -30,6 +31,19 @@ class Snippet:
         """The name of the file that the block is, if it says one."""
         found = FILE.fullmatch(self.text.split("\n", 1)[0].strip())
         return None if found is None else found[1]
+
+
+def excerpt_of(snippet: Snippet) -> Path | None:
+    """Return the file below `examples/` that a block shows, whole or in part; None for a block that is its own file."""
+    stored = None if snippet.file is None else EXAMPLES / snippet.file
+    return stored if stored is not None and stored.is_file() else None
+
+
+def shows(snippet: Snippet, stored: str) -> bool:
+    """Return whether a block has the lines of the stored file; a line `...` stands for any lines."""
+    lines = snippet.text.split("\n", 1)[1].splitlines()
+    pattern = "".join("(?:.*\n)*" if line.strip() == "..." else re.escape(line) + "\n" for line in lines)
+    return re.fullmatch(pattern, stored) is not None
 
 
 def snippets(page: Path) -> list[Snippet]:

@@ -1,6 +1,7 @@
-"""Every snippet of README.md and docs/ is carried out: consoles print what they show, YAML and Python work.
+"""Every snippet of README.md and docs/ is executed: consoles print the shown lines, YAML and Python work.
 
-A block that begins with `# file: NAME` is written to a copy of the examples first. `...` in an output stands for any
+A block that begins with `# file: NAME` is written to a copy of the examples first, or shows the example that has this
+name already, whole or in part. `...` in an output stands for any
 lines, and inside of a line for any text.
 """
 
@@ -17,7 +18,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from docs.pages import PAGES, ROOT, snippets
+from docs.pages import PAGES, ROOT, excerpt_of, shows, snippets
 from points.mosquitto import BINARY, Broker
 from spread import spread
 
@@ -51,6 +52,8 @@ def _carry_out_page(
                 else:
                     found = [with_free_ports(line, ports) for line in carry_out(command, capsys)]
                     assert_shown(found, expected, f"{where}: {command}")
+        elif (stored := excerpt_of(snippet)) is not None:
+            assert shows(snippet, stored.read_text("utf-8")), f"{where}: not the lines of {stored}"
         elif snippet.file is not None:
             (folder / snippet.file).write_text(snippet.text, "utf-8")
         elif snippet.kind == "python":
@@ -65,7 +68,7 @@ PORTS = re.compile(r"\b(?:9102|1883|8086|8040)\b")
 
 
 def with_free_ports(text: str, ports: dict[str, str]) -> str:
-    """The text with free ports in place of those that it names; `ports`: which were taken before."""
+    """Return the text with free ports in place of its own; `ports` maps ports that were replaced before."""
 
     def free(match: re.Match[str]) -> str:
         if match[0] not in ports:
@@ -83,7 +86,7 @@ def broker(folder: Path, ports: dict[str, str]) -> Broker:
 
 
 def commands(text: str) -> list[tuple[str, list[str]]]:
-    """The commands of a console block and the lines each prints."""
+    """Return the commands of a console block, each with the lines that it prints."""
     found: list[tuple[str, list[str]]] = []
     for line in text.splitlines():
         if line.startswith("$ "):
@@ -117,7 +120,7 @@ def carry_out(command: str, capsys: pytest.CaptureFixture[str]) -> list[str]:
 
 
 def assert_shown(found: list[str], expected: list[str], what: str) -> None:
-    """The lines are as shown; `...` stands for any lines, and inside of a line for any text."""
+    """Assert that the lines are as shown; `...` stands for any lines, and inside a line for any text."""
     while expected and not expected[-1]:
         expected = expected[:-1]
     pattern = "\n".join(

@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 import yaml
 from docs.example_keys import Used, examples
-from docs.pages import DOCS, GUIDE, PAGES, ROOT, anchors, links, sentences, snippets
+from docs.pages import DOCS, EXAMPLES, GUIDE, PAGES, ROOT, anchors, links, sentences, snippets
 
+from framekit.cli.main import main
 from framekit.definition.keys import properties_of
 from framekit.definition.sources import shipped_folder
 from framekit.run.behaviours import BEHAVIOURS, Behaviour
@@ -16,6 +17,11 @@ from framekit.runfile.reference_page import Reference
 from framekit.runfile.schema_files import read_files
 
 MOST_WORDS = 25
+STORED = [
+    file.with_name(file.name.replace(".vectors.yaml", ".yaml"))
+    for file in sorted((EXAMPLES / "language").glob("*.vectors.yaml"))
+]
+"""The examples of the guide that are files of the repository, each with test vectors."""
 
 
 def name(page: Path) -> str:
@@ -29,24 +35,36 @@ def test_sentences_are_short(page: Path) -> None:
 
 @pytest.mark.parametrize("page", GUIDE, ids=name)
 def test_every_example_is_a_file_that_a_command_reads(page: Path) -> None:
-    """A piece of YAML that belongs to no file would be executed by nothing."""
+    """A piece of YAML that belongs to no file would not be executed."""
     read = "\n".join(snippet.text for snippet in snippets(page) if snippet.kind in ("console", "python"))
     for snippet in snippets(page):
         if snippet.kind == "yaml":
             assert snippet.file is not None, f"line {snippet.line}: begin the block with '# file: NAME'"
+            if EXAMPLES / read_by(snippet.file) in STORED:
+                continue  # executed by test_the_vectors_of_the_stored_examples_pass
             assert read_by(snippet.file) in read, f"line {snippet.line}: no command reads {snippet.file}"
+
+
+@pytest.mark.parametrize("definition", STORED, ids=lambda file: file.stem)
+def test_the_vectors_of_the_stored_examples_pass(definition: Path) -> None:
+    assert main(["test", str(definition)]) == 0
+
+
+def test_every_stored_example_is_shown_or_named_by_a_page() -> None:
+    text = "\n".join(page.read_text("utf-8") for page in PAGES)
+    assert [file.name for file in STORED if f"language/{file.stem}." not in text] == []
 
 
 def test_the_list_of_pages_is_whole() -> None:
     listed = {str((DOCS / file).resolve()) for file, _ in links(DOCS / "README.md")}
-    guide = {DOCS / "language" / page for page, _ in links(DOCS / "language.md")}
+    guide = {(DOCS / page).resolve() for page, _ in links(DOCS / "language.md")}
     assert [name(page) for page in DOCS.glob("**/*.md") if str(page) not in listed and page not in guide] == [
         "docs/README.md"
     ]
 
 
 def read_by(file: str) -> str:
-    """What stands in a command that reads this file: vectors are read with their definition."""
+    """Return the name that a command uses for this file: vectors are read with their definition."""
     return file.replace(".vectors.yaml", ".yaml")
 
 
