@@ -31,10 +31,10 @@ Values are written as [values, names and expressions](language/expressions.md) s
 GUIDE = {
     "station": "files.md#station",
     "line": "files.md#line",
-    "params": "files.md#parameters",
-    "state": "files.md#state",
+    "params": "settings.md#parameters",
+    "state": "settings.md#state",
     "queues": "queues.md",
-    "tables": "files.md#tables",
+    "tables": "settings.md#tables",
     "checks": "checks.md",
     "layouts": "segments.md",
     "groups": "frames.md",
