@@ -23,10 +23,11 @@ from typing import Any
 
 from framekit.api.monitor import FrameLog
 from framekit.api.run import AsyncRun, view_of
+from framekit.cli.common import without_collecting
 from framekit.extras.web.access import Access
 from framekit.extras.web.board import VALUES_EVERY, WebBoard
 from framekit.extras.web.server import WebServer
-from framekit.extras.web.shown import shown_run
+from framekit.extras.web.shown import shown_devices, shown_run
 
 CHANNELS, BLOCKS, POINTS = 8, 64, 2_000
 TURNS = 3
@@ -112,31 +113,39 @@ class PageSamples:
 async def carry_out(path: Path, seconds: float) -> None:
     """Carry the run out; print the address of the page, then the measurement over a number of seconds."""
     log = FrameLog()
-    run = AsyncRun(path, monitor=log.add)
-    server = WebServer("127.0.0.1", 0, Access())
-    board = WebBoard(shown_run(run, view_of(run, log)))
-    server.begin(board)
+    run = AsyncRun(path, monitor=log.add, offers_faults=True)
+    server, view = WebServer("127.0.0.1", 0, Access()), view_of(run, log)
+    board = WebBoard(shown_run(run, view))
+    server.begin(board, WebBoard(shown_devices(run, view)))
     samples = PageSamples()
-    async with run:
-        changing = asyncio.ensure_future(_change(run))
-        print(json.dumps(server.url), flush=True)
-        await asyncio.to_thread(sys.stdin.readline)
-        before, frames, used, began = board.values.round, log.last_number, time.process_time(), time.perf_counter()
-        samples.begin()
-        longest = await _longest_stop(began + seconds)
-        samples.end()
-        found = {
-            "used": time.process_time() - used,
-            "passed": time.perf_counter() - began,
-            "page": samples.page / max(1, samples.all),
-            "refreshes": board.values.round - before,
-            "frames": log.last_number - frames,
-            "stop": longest,
-        }
-        print(json.dumps(found), flush=True)
-        await asyncio.to_thread(sys.stdin.readline)
-        changing.cancel()
+    with without_collecting():
+        async with run:
+            await _measured(run, server, board, log, samples, seconds)
     await server.end()
+
+
+async def _measured(
+    run: AsyncRun, server: WebServer, board: WebBoard, log: FrameLog, samples: PageSamples, seconds: float
+) -> None:
+    """Change the points while the page is measured; print the address, then the measurement."""
+    changing = asyncio.ensure_future(_change(run))
+    print(json.dumps(server.url), flush=True)
+    await asyncio.to_thread(sys.stdin.readline)
+    before, frames, used, began = board.values.round, log.last_number, time.process_time(), time.perf_counter()
+    samples.begin()
+    longest = await _longest_stop(began + seconds)
+    samples.end()
+    found = {
+        "used": time.process_time() - used,
+        "passed": time.perf_counter() - began,
+        "page": samples.page / max(1, samples.all),
+        "refreshes": board.values.round - before,
+        "frames": log.last_number - frames,
+        "stop": longest,
+    }
+    print(json.dumps(found), flush=True)
+    await asyncio.to_thread(sys.stdin.readline)
+    changing.cancel()
 
 
 async def _longest_stop(end: float) -> float:
