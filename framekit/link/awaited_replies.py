@@ -54,6 +54,8 @@ class Replies(NamedTuple):
     """Whether every reply repeats the station of its request."""
     unproven: frozenset[str] = frozenset()
     """Replies that have no check code and repeat no field of their request: noise can look like them."""
+    numbered: frozenset[str] = frozenset()
+    """Replies that repeat a number of their request."""
 
     def is_broadcast(self, value: FrameValue, names: Names) -> bool:
         """Return whether an exchange sends this request without waiting for a reply: its station is a broadcast."""
@@ -76,9 +78,10 @@ def replies_of(protocol: Protocol, role: Role | None) -> Replies:
     run = [name for lane in role.lanes for name in lane.exchange]
     run += () if session is None else (*session.open, *session.close)
     sequences = list(protocol.called_from(run))
-    steps = [step for sequence in sequences for step in sequence.steps if step.receive]
-    steps = [step for step in steps if not is_numbered(step, protocol)]
+    waiting = [step for sequence in sequences for step in sequence.steps if step.receive]
+    steps = [step for step in waiting if not is_numbered(step, protocol)]
     frames = frozenset(name for step in steps for name in _waited_for(step.receive or (), protocol))
+    all_frames = frozenset(name for step in waiting for name in _waited_for(step.receive or (), protocol))
     asking = [
         row.request
         for row in protocol.service_rows
@@ -91,7 +94,7 @@ def replies_of(protocol: Protocol, role: Role | None) -> Replies:
     beginnings = tuple(tuple(_beginnings(sequence)) for sequence in exchanges)
     stations = _stations(asking)
     single = all(step.send is not None for step in steps)
-    named = [bare_name(step.within) for step in steps if step.within is not None]
+    named = [bare_name(step.within) for step in (*steps, *waiting) if step.within is not None]
     limits = tuple(dict.fromkeys(name for name in named if name is not None and name in protocol.params))
     name_stations = _name_stations(frames, stations, protocol)
     unproven = frozenset(
@@ -99,7 +102,9 @@ def replies_of(protocol: Protocol, role: Role | None) -> Replies:
         for name in frames
         if not protocol.frames[name].echo and not any(parts_of(protocol.frames[name].segments, Check))
     )
-    return Replies(frames, requests, waits, stations, beginnings, single, limits, name_stations, unproven)
+    return Replies(
+        frames, requests, waits, stations, beginnings, single, limits, name_stations, unproven, all_frames - frames
+    )
 
 
 def _has_reply(steps: tuple[Beginning, ...], names: Names) -> bool:

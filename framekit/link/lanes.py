@@ -80,7 +80,9 @@ class Lanes:
             run = self._another_run(lane, x)
         else:  # it has kept its place in the order
             lane.spare = run.owed = run.unusable = None
-            run.exchange, run.given_up, run.cause = x, False, ""
+            run.exchange = x
+            run.given_up = False
+            run.cause = ""
             lane.running.append(run)
         run.first_open = machine.late.count
         machine.live += 1
@@ -279,6 +281,7 @@ class Lanes:
                     machine.go_on(run)
             elif run.state is SILENT and run.doubt is not None and run.doubt.is_draining:
                 run.deadline = max(late.until, now)
+        late.on_end()
 
     def hold_over(self, run: Run) -> None:
         """Handle the end of the time for which a run is held back."""
@@ -303,7 +306,9 @@ class Lanes:
     def over(self, run: Run) -> None:
         """Update the session after the end of a run, begin the next sequence of the run, and report to the caller."""
         machine = self.machine
-        outcome, lane, session = run.outcome, run.lane, machine.session
+        lane = run.lane
+        outcome = run.outcome
+        session = machine.session
         if run.agenda and (outcome is None or outcome.ok or run.doing == "close"):
             run.state = State.GOING
             if self._next_of_agenda(run):
@@ -325,7 +330,8 @@ class Lanes:
             self.stir_all()
         elif lane.waiting or lane.listen is not None:
             machine.stir(lane)
-        exchange, run.exchange = run.exchange, None  # break the reference cycle
+        exchange = run.exchange
+        run.exchange = None  # break the reference cycle
         if exchange is not None:
             if outcome is None:
                 exchange.succeeded(run.results)

@@ -16,7 +16,7 @@ No request open: in step again, from every state. Sans-I/O: the engine calls the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable
 from contextlib import suppress
 from typing import Any
 
@@ -26,19 +26,11 @@ from framekit.link.arrivals import BadFrame
 from framekit.link.awaited_replies import Replies
 from framekit.link.events import Exchange
 from framekit.link.frame_table import FrameTable
+from framekit.link.overdue import HORIZON, LONGEST, MOST_OPEN, NumberedRequests, OpenRequest, request_of
 from framekit.link.scope import Scope
-from framekit.link.sequences.state import NO_NAMES, Run
+from framekit.link.sequences.state import Run
 from framekit.link.slow import SlowStations, key_of
 from framekit.link.values import CODEC_ERRORS, EVALUATION_ERRORS, FrameValue, Names, compile_optional
-
-LONGEST = 60_000_000_000
-"""Upper limit of every hold (ns)."""
-
-HORIZON = 21
-"""An open request is dropped after this many times its time limit: no later reply is expected."""
-
-MOST_OPEN = 64
-"""Upper limit of the number of open requests; the oldest is dropped first."""
 
 LOSSES, SHORT_HORIZON = 5, 4
 """After so many requests without any reply and without a late reply the line loses frames: a shorter horizon."""
@@ -53,36 +45,6 @@ FORGET = 600_000_000_000
 """A measured lateness loses its effect linearly within this time (ns)."""
 
 NO_REPLIES = Replies(frozenset(), frozenset(), ())
-
-
-class OpenRequest:
-    """A request whose reply has not come and may still come."""
-
-    __slots__ = (
-        "asked", "at", "by_itself", "ends", "frames", "is_foreign", "is_met", "names", "number", "sent", "station",
-        "within",
-    )  # fmt: skip
-
-    def __init__(
-        self, x: Exchange | None, sent: FrameValue | None, names: Names, at: int, within: int,
-        frames: Mapping[str, None] = NO_NAMES,
-    ) -> None:  # fmt: skip
-        self.asked = sent if x is None else x.asked
-        self.sent, self.names = sent, names
-        self.station = None if x is None else x.station
-        self.frames = frames
-        """Frames that the step waited for; empty: every reply of the role."""
-        self.at, self.within = at, within
-        self.number = 0
-        """Number of this request among all that were ever open on the line."""
-        self.ends = 0
-        """Time after which no reply to it is expected."""
-        self.by_itself = False
-        """Whether a SEND block or a program sent it, without an exchange."""
-        self.is_met = False
-        """Whether its reply has come, presumably: a reply that could not be used, or the reply to a later request."""
-        self.is_foreign = False
-        """Whether an engine of another protocol sent it: every frame may be its reply, and no frame closes it."""
 
 
 class Doubt:
@@ -128,7 +90,8 @@ class LateReplies:
 
     __slots__ = (
         "_greatest", "_is_stream", "_late", "_scope", "_service", "_table", "count", "expected", "heard_until",
-        "items", "last", "lost", "noisy", "on_wait", "open", "seen_at", "slow", "strange_since", "until", "within",
+        "items", "last", "lost", "noisy", "numbered", "on_end", "on_wait", "open", "seen_at", "slow",
+        "strange_since", "until", "within",
     )  # fmt: skip
 
     def __init__(self, protocol: Protocol, scope: Scope, table: FrameTable) -> None:
@@ -153,8 +116,11 @@ class LateReplies:
         self.items: list[Callable[[], None]] = []
         """Frames sent without an exchange that wait for the end of the hold."""
         self.slow = SlowStations()
+        self.numbered = NumberedRequests(table, self.slow)
         self.on_wait: Callable[[Any, int], None] = lambda station, until: None
         """Called when a request to a station has to wait for late replies, with the end of the wait (ns)."""
+        self.on_end: Callable[[], None] = lambda: None
+        """Called when requests no longer have to wait for late replies."""
         self._greatest: dict[Hashable, tuple[int, int]] = {}
         """For each station the greatest lateness, and when it was measured."""
         self.strange_since = 0
@@ -180,15 +146,20 @@ class LateReplies:
 
     def miss(self, run: Run, x: Exchange) -> None:
         """Note that the wait of a run ended, or that its request is repeated, and no reply has come."""
-        more, unusable = self.time(x.names, run.longest), run.unusable
-        if more:
-            request = request_of(run, x)
-            if unusable is not None and unusable.take_new():
-                if unusable.is_reply and not self.open:
-                    return  # its reply has come, damaged
-                request.is_met = True
-            self._add(request)
-            self._hold(x.station, run.started, run.longest, more)
+        numbered, unusable = is_numbered(run), run.unusable
+        more = 0 if numbered else self.time(x.names, run.longest)
+        if not (numbered or more):
+            return
+        request = request_of(run, x)
+        if unusable is not None and unusable.take_new():
+            if unusable.is_reply and not self.open:
+                return  # its reply has come, damaged
+            request.is_met = True
+        if numbered:
+            self.numbered.add(request, self._scope.now)
+            return
+        self._add(request)
+        self._hold(x.station, run.started, run.longest, more)
 
     def is_damaged_reply(self, bad: BadFrame, run: Run, x: Exchange) -> bool:
         """Return whether a bad frame is the only frame of the reply to a request, right but for its check code."""
@@ -200,13 +171,16 @@ class LateReplies:
         except FrameError as error:
             if error.cause == "check" and error.also is None:
                 with suppress(CODEC_ERRORS):
-                    return self._is_reply_to(info.make(error.fields, bad.raw, None), request_of(run, x))
+                    return request_of(run, x).fits(info.make(error.fields, bad.raw, None), self._table)
         except CODEC_ERRORS:
             pass
         return False
 
     def took(self, run: Run, x: Exchange) -> None:
         """Note a reply to a request that was repeated: it answers the first of the equal requests, others are open."""
+        if is_numbered(run):
+            self.numbered.took(request_of(run, x), self._scope.now)
+            return
         raw = x.last_sent.raw if x.last_sent is not None else None
         own = [
             one for one in self.open if one.number >= run.first_open and one.sent is not None and one.sent.raw == raw
@@ -214,7 +188,7 @@ class LateReplies:
         if own:
             self._add(request_of(run, x))
             self._close(own[0])
-        elif self.slow:
+        else:
             self.slow.answered_in_time(x.station, self._scope.now)
         if not own and all(one.station == x.station for one in self.open):
             self.last = 0  # this reply came in time: a reply before it did not wait for another one
@@ -235,7 +209,7 @@ class LateReplies:
 
     def _may_be_another(self, reply: FrameValue | None) -> bool:
         """Return whether a reply in time may be the reply to an open request, or to an unknown request."""
-        return not self.open or any(reply is None or self._is_reply_to(reply, one) for one in self.open)
+        return not self.open or any(reply is None or one.fits(reply, self._table) for one in self.open)
 
     def sent_alone(self, value: FrameValue, is_asking: bool) -> bool:
         """Return whether a frame without an exchange has to wait; if not, and a service asks with it, it is open now.
@@ -316,6 +290,11 @@ class LateReplies:
             return True
         return any(one.station is None or one.station == station for one in self.open)
 
+    @property
+    def has_stations(self) -> bool:
+        """Return whether the hold is for requests to certain stations only."""
+        return self.expected.name_stations and bool(self.open) and all(one.station is not None for one in self.open)
+
     def state_at(self, now: int) -> str:
         """Return `in step`, `holding` or `out of step`; requests whose replies can no longer come do not count."""
         if not any(one.ends > now for one in self.open):
@@ -339,6 +318,7 @@ class LateReplies:
         """
         self.items.clear()
         if self._is_stream:
+            self.numbered.clear()
             self.open.clear()
             self.until = self.last = self._service = self.strange_since = 0
 
@@ -380,9 +360,11 @@ class LateReplies:
         by themselves too, so only a hold makes one of them a late reply. A frame that noise can look like is no sign
         of anything if noise came since the request: the request stays open.
         """
+        now = self._scope.now
+        if self.numbered.is_watching and (found := self.numbered.came(value, self.expected.limits, now)) is not None:
+            return found
         if value.frame not in self.expected.frames and not any(value.frame in one.frames for one in self.open):
             return None
-        now = self._scope.now
         self.expire()
         if is_awaited and not self.until:
             return None
@@ -412,7 +394,7 @@ class LateReplies:
         It is the oldest request that it fits, but rather a request that is not met. The oldest then stays open for as
         long as the request that is closed for it: the reply may nevertheless be its own.
         """
-        fitting = [one for one in self.open if not one.is_foreign and self._is_reply_to(reply, one)]
+        fitting = [one for one in self.open if not one.is_foreign and one.fits(reply, self._table)]
         if not fitting:
             return None
         found = next((one for one in fitting if not one.is_met), fitting[0])
@@ -438,24 +420,15 @@ class LateReplies:
             self._greatest[station] = lateness, now
         if not self.open:
             if self._service > request.within and not request.by_itself:
-                self.slow.answered_late(request.station, self._service, self._limit_of(request), now)
+                self.slow.answered_late(request.station, self._service, request.limit(self.expected.limits), now)
             self._service = 0
         for one in self.open:
             one.ends = max(one.ends, now + min(service + service // 4 + one.within, LONGEST))
         return service
 
-    def _limit_of(self, request: OpenRequest) -> str:
-        """Return the name of the parameter that was the time limit of a request."""
-        limits = self.expected.limits
-        return next((one for one in limits if request.names.get(one) == request.within), limits[0] if limits else "")
-
     def _could_answer(self, reply: FrameValue, request: OpenRequest) -> bool:
         """Return whether a reply fits a request: it repeats everything that its definition says."""
         return self._table.repeats(reply, request.asked, request.sent, request.names)
-
-    def _is_reply_to(self, reply: FrameValue, request: OpenRequest) -> bool:
-        """Return whether a reply is a frame that a request waited for, and fits it."""
-        return (not request.frames or reply.frame in request.frames) and self._could_answer(reply, request)
 
     def expire(self) -> None:
         """Drop open requests that no reply is expected for any more."""
@@ -605,12 +578,6 @@ class LateReplies:
         return run.doubt is not None and self._scope.now - run.doubt.began > limit
 
 
-def request_of(run: Run, x: Exchange) -> OpenRequest:
-    """Return the request whose reply a run waits for, or has waited for last."""
-    frames = NO_NAMES if run.plan is None else run.plan.frames
-    return OpenRequest(x, x.last_sent, x.names, run.started, run.longest, frames)
-
-
 def silence(took: int, within: int) -> int:
     """Return how long the line has to be silent after a reply in doubt: as long as the reply took, or `within` / 8."""
     return max(took, within // 8)
@@ -652,8 +619,13 @@ def replied(run: Run) -> None:
     """Note that a row takes the frame that came."""
     asked, run.asked = run.asked, None
     late = run.machine.late
-    if asked is not None and (late.open or late.until or late.slow):
+    if asked is not None and (late.open or late.until or late.slow.number or late.numbered.is_watching):
         late.took(run, asked)
+
+
+def is_numbered(run: Run) -> bool:
+    """Return whether the reply that a run waits for carries the number of its request."""
+    return run.plan is not None and run.plan.is_numbered
 
 
 def is_held(machine: Any, run: Run, x: Exchange, value: Any, names: Names | None = None) -> bool:

@@ -35,7 +35,8 @@ class Reception:
         self.cutting = False
         """Whether frames are broken off, because a time limit has run out or by a break; they are only shown."""
         self._reported = ReportedBytes()
-        replies = machine.late.expected.frames  # first: the bytes of a reply may fit a request too
+        expected = machine.late.expected
+        replies = expected.frames | expected.numbered  # first: the bytes of a reply may fit a request too
         self._all = tuple(sorted(machine.table.on_line, key=lambda name: name not in replies))
         self.looked: ExpectedFrames | None = receiver.expect(self._all)
         """The frames that the receiver looks for; None: none."""

@@ -82,10 +82,8 @@ class SlowStations:
         A station that is slow again soon after that, for no longer time, is not reported again.
         """
         self._known: dict[Hashable, _Advice] = {}
-        self._number = 0
-
-    def __bool__(self) -> bool:
-        return self._number > 0
+        self.number = 0
+        """Number of slow stations."""
 
     @property
     def present(self) -> tuple[SlowStation, ...]:
@@ -98,7 +96,7 @@ class SlowStations:
         advice = self._known.get(key)
         if advice is None or (not advice.is_slow and now - advice.late_at >= REMEMBERED):
             advice = self._known[key] = _Advice(SlowStation(station, time, limit))
-            self._number = len(self.present)
+            self.number = len(self.present)
             self.on_change(advice.found, True)
         elif (time - advice.found.time) * 4 > advice.found.time:
             advice.longer.append(time)
@@ -110,7 +108,7 @@ class SlowStations:
         else:
             advice.longer.clear()
         advice.in_time, advice.late_at, advice.is_slow = 0, now, True
-        self._number = len(self.present)
+        self.number = len(self.present)
 
     def answered_in_time(self, station: Any, now: int) -> None:
         """Note a reply in time, and report the end if it is the last of many."""
@@ -120,7 +118,7 @@ class SlowStations:
         advice.in_time += 1
         if advice.in_time >= WELL and now - advice.late_at >= WELL_TIME:
             was_shown, advice.is_slow, advice.is_shown = advice.is_shown, False, False
-            self._number = len(self.present)
+            self.number = len(self.present)
             if was_shown:
                 self.on_change(advice.found, False)
 

@@ -2,8 +2,9 @@
 
 A station that shares its channel is suspected after its first failed exchange: its blocks are parked, and one of them
 asks at most once in each period, without retries, after the blocks of other stations. A station that has failed often
-enough for long enough is dead: one of its blocks asks now and then until it answers. A lane knows neither triggers nor
-exchanges.
+enough for long enough is dead: one of its blocks asks now and then until it answers. While a request to a station would
+have to wait for late replies, and requests to other stations would not, its blocks are delayed. A lane knows neither
+triggers nor exchanges.
 """
 
 from __future__ import annotations
@@ -26,6 +27,9 @@ Entry = tuple[int, int, int, "BlockState"]
 
 Taken = tuple["BlockState", Hashable]
 """A block whose turn it is, and the station it talks to."""
+
+Held = tuple[int, bool]
+"""Time before which no request to a station is sent (ns), and whether requests to some other station may be sent."""
 
 ALIVE = frozenset({"refused", "damaged_reply", "unfit_reply", "cannot_store"})
 """Failures after which a station is known to be there."""
@@ -73,10 +77,19 @@ class _Failing:
     """Its blocks that wait, a heap."""
 
 
+@dataclass(slots=True)
+class _Delay:
+    """The blocks of a station whose requests would have to wait for late replies."""
+
+    until: int
+    """Time at which they wait for their turn again, at the latest (ns)."""
+    entries: list[Entry] = field(default_factory=list)
+
+
 class BlockLane:
     """One channel. `station_of` returns the station of a block; None counts as no station.
 
-    `held_until` returns the time before which no request to a station is sent, because a late reply may come (ns).
+    `held_until` returns the time before which no request to a station is sent, because a late reply may come.
     """
 
     def __init__(
@@ -84,7 +97,7 @@ class BlockLane:
         rules: LaneRules,
         station_of: Callable[[BlockState], Hashable],
         order: int = 0,
-        held_until: Callable[[Hashable], int] = lambda station: 0,
+        held_until: Callable[[Hashable], Held] = lambda station: (0, False),
     ) -> None:
         self.order = order
         """Its place among the lanes."""
@@ -113,6 +126,10 @@ class BlockLane:
         """Station and end of the last exchange."""
         self._slow: tuple[Hashable, int] | None = None
         """Station and end of an exchange that took longer than its period; what came due before goes first."""
+        self.delays: dict[Hashable, _Delay] = {}
+        """Stations whose blocks are delayed."""
+        self.delayed: list[tuple[BlockState, int]] = []
+        """Blocks that have been delayed since the last report, each with the time of its turn at the latest (ns)."""
         self.changed: list[tuple[Hashable, bool]] = []
         """Stations that have died (True) or come back (False)."""
 
@@ -130,10 +147,15 @@ class BlockLane:
                 failing.parked.remove(entry)
                 heapq.heapify(failing.parked)
                 heapq.heappush(self.waiting, entry)
+        for delay in self.delays.values():
+            for entry in [entry for entry in delay.entries if entry[3] is state]:
+                delay.entries.remove(entry)
+                heapq.heappush(self.waiting, entry)
 
     def clear(self, which: Callable[[BlockState], bool] = lambda state: True) -> None:
         """Forget blocks that wait."""
-        for entries in (self.waiting, *(failing.parked for failing in self.failing.values())):
+        parked = [failing.parked for failing in self.failing.values()]
+        for entries in (self.waiting, *parked, *(delay.entries for delay in self.delays.values())):
             kept = [entry for entry in entries if not which(entry[3])]
             for *_, state in entries:
                 state.waiting = state.waiting and not which(state)
@@ -147,21 +169,24 @@ class BlockLane:
             return NEVER
         if self.waiting:
             return self.free_from
-        if not self.failing:
+        if not self.failing and not self.delays:
             return NEVER
         asks = [one.ask_at for one in self.failing.values() if one.parked and one.ask_at is not None]
+        asks += [one.until for one in self.delays.values() if one.entries]
         return max(self.free_from, min(asks, default=NEVER))
 
     def take(self, now: int) -> BlockState | None:
         """Return the block that starts now, and count it as running; None if no block may start."""
         if self.running or not self.open or self.held or now < self.free_from:
             return None
-        if self.failing:
+        if self.delays:
+            self._end_delays(now)
+        if self.failing or len(self.stations) > 1:
             return self._take_besides_failing(now)
         waiting, last = self.waiting, self._last
         if not waiting:
             return None
-        entry = heapq.heappop(waiting) if self._slow is None else self._pop_other(self._slow)
+        entry = heapq.heappop(waiting)
         state = entry[3]
         station = self.station_of(state) if state.has_station else None
         if last is not None and station != last[0] and not self._silent_for(station, now):
@@ -230,11 +255,43 @@ class BlockLane:
             if failing is not None and failing.ask_at is not None:
                 heapq.heappush(failing.parked, entry)
                 continue
+            if self._is_delayed(entry, station, now):
+                continue
             if last is not None and station != last[0] and not self._silent_for(station, now):
                 heapq.heappush(waiting, entry)
                 return None
             return state, station
         return None
+
+    def _is_delayed(self, entry: Entry, station: Hashable, now: int) -> bool:
+        """Delay a block whose request would have to wait while other stations may be asked; return whether it does.
+
+        Each wait is limited: afterwards the request waits on the line, if it still has to.
+        """
+        if len(self.stations) < 2:
+            return False
+        delay = self.delays.get(station)
+        if delay is None:
+            until, others_are_free = self._held_until(station)
+            if until <= now or not others_are_free:
+                return False
+            delay = self.delays[station] = _Delay(until)
+        if delay.until <= now:
+            return False
+        delay.entries.append(entry)
+        self.delayed.append((entry[3], delay.until))
+        return True
+
+    def _end_delays(self, now: int) -> None:
+        """Put the delayed blocks of stations that may be asked now back among the waiting blocks."""
+        for station, delay in list(self.delays.items()):
+            is_free = self._held_until(station)[0] <= now
+            if is_free or delay.until <= now:
+                entries, delay.entries = delay.entries, []
+                for entry in entries:
+                    heapq.heappush(self.waiting, entry)
+            if is_free:
+                del self.delays[station]
 
     def _pop_other(self, slow: tuple[Hashable, int]) -> Entry:
         """Take the first block of other stations than a slow station that came due before its exchange ended.
@@ -269,6 +326,8 @@ class BlockLane:
         station = self.running.pop(state.id)
         state.probing = False
         self._last = station, now
+        if station in self.delays and self.delays[station].until <= now:
+            del self.delays[station]
         if state.period and now - state.started_at > state.period and len(self.stations) > 1:
             self._slow = station, now
         between = self.rules.silence.between
@@ -330,7 +389,7 @@ class BlockLane:
         if failing is None or failing.ask_at is None or failing.is_dead or rule is None:
             return
         pause = min(failing.period * ((1 << min(failing.failures, MOST_DOUBLED) - 1) - 1), rule.longest_pause)
-        failing.ask_at = max(now + pause, state.started_at + failing.period, self._held_until(station))
+        failing.ask_at = max(now + pause, state.started_at + failing.period, self._held_until(station)[0])
         failing.pressing_from = failing.ask_at + failing.period
 
     def is_dead(self, station: Hashable) -> bool:

@@ -15,7 +15,7 @@ from functools import partial
 from framekit.definition.times import NEVER
 from framekit.memory.memory import DeviceMemory
 from framekit.run.block_state import BlockState, Failure
-from framekit.run.lanes import BlockLane, LaneRules
+from framekit.run.lanes import BlockLane, Held, LaneRules
 from framekit.run.model import BLOCKS_IN_SET, Block, Silence
 from framekit.run.triggers import ArmedTriggers, Cycle, Resolve
 
@@ -111,7 +111,7 @@ class ReadyQueue:
     """Lanes by number, and the times when they can start blocks. Changes of a lane are reported by `note`."""
 
     def __init__(
-        self, station_of: Callable[[BlockState], Hashable], held_until: Callable[[int, Hashable], int]
+        self, station_of: Callable[[BlockState], Hashable], held_until: Callable[[int, Hashable], Held]
     ) -> None:
         self.lanes: dict[int, BlockLane] = {}
         self._station_of, self._held_until = station_of, held_until
@@ -223,7 +223,8 @@ class Scheduler:
     station of a block, `joins` its companions. `sets`: the parameter sets, and whether they are enabled.
     `died(channel, station, dead)` is called when a station dies or comes back, `look()` when the end of an exchange
     made no block due but may have changed `deadline`. `held_until(channel, station)` returns the time before which no
-    request to the station is sent (ns).
+    request to the station is sent, and `delayed(state, until)` is called for a block that waits for that, up to a time
+    (ns).
     """
 
     def __init__(
@@ -241,7 +242,8 @@ class Scheduler:
         sets: Mapping[int, bool] | None = None,
         died: Callable[[int, Hashable, bool], None] = lambda channel, station, dead: None,
         look: Callable[[], None] | None = None,
-        held_until: Callable[[int, Hashable], int] = lambda channel, station: 0,
+        held_until: Callable[[int, Hashable], Held] = lambda channel, station: (0, False),
+        delayed: Callable[[BlockState, int], None] = lambda state, until: None,
     ) -> None:
         self.states = {block.id: BlockState(block) for block in blocks}
         self.sets = dict(sets or {})
@@ -254,6 +256,7 @@ class Scheduler:
         self._tell_ended = ended
         self._joins = joins
         self._died = died
+        self._delayed = delayed
         self._active = False
         self._starting: BlockState | None = None
         for channel, rules in channels.items():
@@ -449,6 +452,8 @@ class Scheduler:
         if ready.noted or ready.waits_until <= now:
             for lane in ready.due(now):
                 first = lane.take(now)
+                if lane.delayed:
+                    self._report_delays(lane)
                 if first is None:  # else the end of the block looks after the lane
                     ready.postpone(lane)
                     continue
@@ -460,6 +465,18 @@ class Scheduler:
                 first.begun(now)
                 self._start(first, now)
                 self._starting = None
+
+    def _report_delays(self, lane: BlockLane) -> None:
+        found, lane.delayed = lane.delayed, []
+        for state, until in found:
+            self._delayed(state, until)
+
+    def look_at(self, channel: int) -> None:
+        """Start blocks of a channel that were delayed: requests no longer wait for late replies."""
+        lane = self.lanes[channel]
+        if lane.delays and not lane.running:
+            self._ready.note(lane)
+            self._wake()
 
     def _join(self, lane: BlockLane, state: BlockState, joins: Joins, now: int) -> None:
         """Set the companions of a block: waiting blocks that get their data from its exchange."""
@@ -483,7 +500,7 @@ class Scheduler:
         lane = self.lanes[state.lane]
         at_once = now - state.started_at < (1 if failure is None else LEAST_TIME)  # real time goes on meanwhile
         lane.ended(state, failure, now, LEAST_TIME if at_once else 0)
-        if lane.waiting or lane.failing:
+        if lane.waiting or lane.failing or lane.delays:
             if lane.free_from > now:
                 self._ready.postpone(lane)
             else:

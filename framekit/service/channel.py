@@ -22,7 +22,7 @@ from framekit.link.values import FrameValue
 from framekit.memory.memory import DeviceMemoryError
 from framekit.run.block_state import BlockState, Failure
 from framekit.run.block_words import BlockMemory, SettingError
-from framekit.run.lanes import LaneRules
+from framekit.run.lanes import Held, LaneRules
 from framekit.run.model import STATIONED, Block, Channel, JobCommand, JobRecord, RunModel
 from framekit.run.own_memory import AddressedMemory
 from framekit.run.transfer import BlockStarts, BlockTransfers, Ended, Read, neighbours
@@ -89,6 +89,9 @@ class ChannelOwner:
     def waits(self, channel: int, station: Any, until: int) -> None:
         """Report that no request is sent to a station before `until` (ns), because late replies may come."""
 
+    def goes_on(self, channel: int) -> None:
+        """Report that requests no longer wait for late replies."""
+
     def takes(self, block: int) -> Block | None:
         """Return a RECEIVE block with its present settings; None if it does not accept a frame now."""
         return None
@@ -148,6 +151,7 @@ class ChannelService:
         self.engine.on_bad = self._bad
         self.engine.late.slow.on_change = partial(owner.slow, channel.number)
         self.engine.late.on_wait = partial(owner.waits, channel.number)
+        self.engine.late.on_end = partial(owner.goes_on, channel.number)
         if (
             channel.asks
             and channel.wiring.may_hear_itself
@@ -547,13 +551,16 @@ class Exchanges:
             state.at_station = (found,)
         return found
 
-    def held_until(self, number: int, station: Hashable) -> int:
-        """Return the time before which a channel sends no request to a station, because a late reply may come (ns)."""
+    def held_until(self, number: int, station: Hashable) -> Held:
+        """Return the time before which a channel sends no request to a station, because a late reply may come (ns).
+
+        With it, whether requests to some other station may be sent.
+        """
         channel = self._channels.get(number)
         if channel is None:
-            return 0
+            return 0, False
         late = channel.engine.late
-        return late.until if late.concerns(station) else 0
+        return (late.until, late.has_stations) if late.until and late.concerns(station) else (0, False)
 
     def prepare(self, number: int, blocks: Iterable[Block]) -> None:
         """Prepare the first starts of the blocks of an open channel."""

@@ -164,7 +164,7 @@ class RunService(ChannelOwner):
             {number: rules_of(channel) for number, channel in run.channels.items()},
             self.exchanges.start, self.loop.wake, self._ended,
             station_of=self.exchanges.station_of, joins=self.exchanges.joins, sets=run.sets, died=self._died,
-            look=self._look, held_until=self.exchanges.held_until,
+            look=self._look, held_until=self.exchanges.held_until, delayed=self._delayed,
         )  # fmt: skip
         for state in self.states.values():
             self.block_memory.add(state, protocol_of(run, state.block))
@@ -284,6 +284,14 @@ class RunService(ChannelOwner):
         for state in self.states.values():
             if state.running and state.block.channel == channel:
                 self.values.waits(state.block, self._station_of(state), until)
+
+    def _delayed(self, state: BlockState, until: int) -> None:
+        """Report that a block waits, because late replies of its station may come before `until`."""
+        self.values.waits(state.block, self._station_of(state), until)
+
+    def goes_on(self, channel: int) -> None:
+        """Start the blocks that waited for late replies."""
+        self.scheduler.look_at(channel)
 
     def _point_changed(self, point: Point, quality: str, why: str) -> None:
         """Report a point without a good value, with the channel and station of its first block."""

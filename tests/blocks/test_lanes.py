@@ -40,11 +40,15 @@ class Bench:
         self.died: list[tuple[int, Hashable, bool]] = []
         self.end: tuple[int, BlockState] | None = None
         self.now = 0
+        self.held: dict[int, tuple[int, bool]] = {}
+        self.delayed: list[tuple[int, int]] = []
         self.scheduler = Scheduler(
             blocks, self.memory, lambda text: Address("M", "word", int(text[1:])),
             {1: LaneRules(**rules)},  # type: ignore[arg-type]
             self._start, lambda: None, station_of=lambda state: state.block.station,
             died=lambda channel, station, dead: self.died.append((self.now // MS, station, dead)),
+            held_until=lambda channel, station: self.held.get(station, (0, False)),  # type: ignore[call-overload]
+            delayed=lambda state, until: self.delayed.append((state.block.number, until // MS)),
         )  # fmt: skip
         self.scheduler.begin(0)
 
@@ -266,3 +270,38 @@ def test_a_slow_station_waits_for_what_came_due_at_others() -> None:
         not (before < 3 and after < 3) for before, after in pairwise(order[1:])
     )  # the first began before it was slow
     assert order.count(3) > 20 and order.count(4) > 20
+
+
+def test_blocks_of_a_station_that_waits_for_late_replies_are_delayed_and_the_others_go_on() -> None:
+    bench = Bench(block(0, 100), block(1, 100, station=2), block(2, 100, station=2))
+    bench.held[2] = 1000 * MS, True
+    bench.run_until(500)
+    assert [number for _, number in bench.starts] == [0] * 6
+    assert set(bench.delayed) == {(1, 1000), (2, 1000)}
+    bench.held[2] = 0, False
+    bench.scheduler.look_at(1)
+    bench.run_until(560)
+    assert bench.starts[6:8] == [(510, 1), (520, 2)]
+
+
+@pytest.mark.parametrize(("others_are_free", "first"), [(True, 300), (False, 0)])
+def test_a_delay_ends_at_its_first_limit(others_are_free: bool, first: int) -> None:
+    """The line holds the request back for as long as it still has to. A hold of every station delays no block."""
+    bench = Bench(block(0, 1000), block(1, 1000, station=2))
+    bench.held[2] = 300 * MS, others_are_free
+    bench.run_until(200)
+    bench.held[2] = 900 * MS, others_are_free
+    bench.run_until(400)
+    ((begun, _),) = [start for start in bench.starts if start[1] == 1]
+    assert begun == max(first, 10)
+
+
+def test_delayed_blocks_are_cleared_and_redirected() -> None:
+    bench = Bench(block(0, 1000), block(1, 1000, station=2), block(2, 50, station=2))
+    bench.held[2] = 10_000 * MS, True
+    bench.run_until(20)
+    bench.scheduler.enable([*bench.scheduler.states][1], False, bench.now)
+    bench.held[2] = 0, False
+    bench.scheduler.look_at(1)
+    bench.run_until(45)
+    assert [number for _, number in bench.starts] == [0, 2]

@@ -197,6 +197,19 @@ def test_a_reply_with_a_wrong_check_code_out_of_step_closes_nothing() -> None:
     assert len(side.sent) == 3 and side.engine.counters.bad == 1 and len(side.engine.late.open) == 2
 
 
+def test_a_damaged_reply_is_the_cause_of_a_failure_although_good_replies_in_doubt_came_too() -> None:
+    side = Side(retries=1)
+    side.read("R1", 11)
+    side.until(10 * SECOND)
+    side.read("R2", 22)
+    side.come(side.replies[-1][:-1] + b"\0")
+    side.reply(-1)
+    side.until(60 * SECOND)
+    (failed,) = side.results[1:]
+    assert failed.outcome == "damaged_reply"
+    assert failed.cause.startswith("a reply arrived, with a wrong check code (expected ")
+
+
 def test_an_unexpected_reply_when_nothing_is_under_way_is_a_sign() -> None:
     side = Side()
     side.read("R1", 11)

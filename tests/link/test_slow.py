@@ -33,9 +33,9 @@ def test_a_slow_station_is_reported_once_and_again_when_its_time_changes_and_whe
     for _ in range(WELL + 5):
         slow.answered_in_time(7, 30 * SECOND)
         slow.answered_in_time(8, 30 * SECOND)
-    assert [one.time for one in slow.present] == [8 * SECOND] and slow
+    assert [one.time for one in slow.present] == [8 * SECOND] and slow.number == 1
     slow.answered_in_time(7, 8 * SECOND + WELL_TIME)
-    assert reports == [(4, True), (8, True), (8, False)] and not slow
+    assert reports == [(4, True), (8, True), (8, False)] and slow.number == 0
 
 
 def test_a_station_that_is_slow_again_after_an_hour_is_reported_again() -> None:
@@ -46,4 +46,4 @@ def test_a_station_that_is_slow_again_after_an_hour_is_reported_again() -> None:
         slow.answered_late(7, SECOND, "reply_timeout", begin)
         for _ in range(WELL):
             slow.answered_in_time(7, begin + WELL_TIME)
-    assert reports == [True, False, True, False] and not slow
+    assert reports == [True, False, True, False] and slow.number == 0

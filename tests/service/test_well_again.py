@@ -116,3 +116,38 @@ def test_a_dead_station_that_is_alone_on_its_line_is_asked_often(dead: str, soon
     clock.run_for(soon * SECOND)
     assert state.done >= 1 and not state.dead
     assert (state.failed - failed >= 20) is (soon == 3)
+
+
+SHARED = """run: shared
+channels:
+  1: {port: "sim:d1.device.yaml,d3.device.yaml", protocol: modbus-rtu}
+points:
+  quick: {channel: 1, station: 1, address: "40001"}
+  a: {channel: 1, station: 3, address: "40001"}
+  b: {channel: 1, station: 3, address: "40101"}
+  c: {channel: 1, station: 3, address: "40201"}
+"""
+HELD = {"quick": 1111, "a": 3111, "b": 3222, "c": 3333}
+
+
+def test_a_station_whose_requests_wait_for_late_replies_lets_its_neighbour_go_first(tmp_path: Path) -> None:
+    """The replies name their station. Station 3 answers after 2.5 s, and its first late replies have to be proved."""
+    slow = "faults: {seed: 2, rules: [{fault: delay, time: 2500 ms, from: 15 s, until: 135 s}]}\n"
+    for station, values in ((1, '"40001": 1111'), (3, '"40001": 3111, "40101": 3222, "40201": 3333')):
+        text = f"device: d{station}\nprotocol: modbus-rtu\nstation: {station}\nmemory: {{set: {{{values}}}}}\n"
+        (tmp_path / f"d{station}.device.yaml").write_text(text + slow * (station == 3))
+    path = tmp_path / "r.run.yaml"
+    path.write_text(SHARED)
+    clock = VirtualClock()
+    service = RunService(load_run(path), clock)
+    service.start()
+    done: list[list[int]] = []
+    while clock.now() < 150 * SECOND:
+        clock.run_for(SECOND)
+        done.append([state.done for state in service.states.values()])
+        row = [(one.name, one.value) for one in service.points.table if one.value is not None]
+        assert all(value == HELD[name] for name, value in row)
+    quick, *others = (done[133][at] - done[44][at] for at in range(4))
+    assert quick >= 65, "in 89 s; it was 12"
+    assert sum(others) >= 9, "a reply takes 2.5 s, and the late replies to two repeats the same"
+    assert not any(state.failed for state in service.states.values())

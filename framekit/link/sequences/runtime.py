@@ -191,7 +191,8 @@ class Machine:
         """Begin a sequence in a run, and carry it out up to its first wait."""
         run.state = GOING
         run.top = level = run.base
-        level.generator, level.x = sequence.begin(run, x, NOTHING), x
+        level.generator = sequence.begin(run, x, NOTHING)
+        level.x = x
         lane = run.lane
         if lane.steps_since != self.scope.now:
             lane.steps_since, lane.steps_done = self.scope.now, 1
@@ -285,9 +286,11 @@ class Machine:
 
     def _park(self, run: Run, level: Level, wait: Wait) -> None:
         """Let a run wait for rows."""
-        x, now = level.x, self.scope.now
+        x = level.x
+        now = self.scope.now
         level.wait = wait
-        run.state, run.candidate = RECEIVING, None
+        run.state = RECEIVING
+        run.candidate = None
         run.plan = plan = (
             (wait.plans.get(x.expected) or wait.plan(x.expected)) if level.caller is None else wait.plan_in(level)
         )
@@ -304,7 +307,10 @@ class Machine:
         else:
             run.complete = run.gap = None
             run.longest = run.deadline = run.within = NEVER
-        if not wait.numbered and x.checks_echo and x.last_sent is not None:
+        if wait.numbered:
+            if self.late.numbered.is_watching and x.checks_echo:
+                run.asked = x
+        elif x.checks_echo and x.last_sent is not None:
             run.asked, run.asked_at = x, now
             self.late.within = run.longest
 
@@ -411,7 +417,8 @@ class Machine:
             self.late.ended(run)
         run.state, run.deadline, run.expected = DONE, NEVER, NO_NAMES
         run.top = run.base.generator = None  # type: ignore[assignment] # break the reference cycle
-        run.outcome, run.results = outcome, results
+        run.outcome = outcome
+        run.results = results
         self.ready.append(run)
 
     def _abandon_above(self, run: Run, level: Level) -> None:
@@ -436,7 +443,10 @@ class Machine:
         elif run.state is RECEIVING:
             run.deadline = run.within = NEVER
             run.candidate = None
-            run.cause = run.cause or "nothing came in time"
+            if not run.cause:
+                run.cause = "nothing came in time" if run.unusable is None else str(run.unusable)
+            if run.top.wait.numbered and run.top.x.checks_echo:
+                run.asked = run.top.x
             self.go(run, run.top, TIMEOUT)
 
     # ---- services that steps ask for ----------------------------------------------------------------------
@@ -720,7 +730,7 @@ def listens_again(m: Machine, run: Run, x: Exchange) -> bool:
         lane.steps_since, lane.steps_done = now, 1
     else:
         count(run)
-    run.cause, run.deadline = "", NEVER
+    run.cause, run.deadline, run.unusable = "", NEVER, None
     x.renew()
     return True
 

@@ -124,12 +124,13 @@ class Plan:
     """The frames that a run looks for: those of a wait, for an exchange that expects these, and of its callers' rows.
 
     `frames`: in their order. `looks`: there are frames to look for; `others`: other frames are looked for too.
+    `is_numbered`: the reply carries the number of its request.
     """
 
-    __slots__ = ("frames", "looks", "others")
+    __slots__ = ("frames", "is_numbered", "looks", "others")
 
     def __init__(self, wait: Wait, frames: dict[str, None]) -> None:
-        self.frames, self.others = frames, wait.wants_others
+        self.frames, self.others, self.is_numbered = frames, wait.wants_others, wait.numbered
         self.looks = bool(frames) or wait.looks
 
 

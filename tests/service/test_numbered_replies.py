@@ -1,0 +1,175 @@
+"""Late replies that carry the number of their request: none is mistaken for another, and the advice is the same."""
+
+from __future__ import annotations
+
+import json
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import pytest
+from service.late_world import MS, SECOND, LateWorld
+
+from framekit.cli.main import main
+from framekit.codec.codec import compile_protocol
+from framekit.definition.load.protocol import load_protocol_text
+from framekit.link.engine import Engine
+from framekit.link.events import Command, Exchange, Send
+from framekit.link.slow import WELL_TIME
+from framekit.run.model import FaultRule
+
+NUMBERED = ("modbus-tcp", "melsec-mc-4e")
+SHOWN = {"modbus-tcp": "station 3", "melsec-mc-4e": "station 3"}
+WELL = 100 * SECOND
+"""Time at which a device that was slow becomes quick (ns)."""
+
+
+def slow_world(name: str, late: int, overlapping: bool, **more: Any) -> tuple[LateWorld, list[str]]:
+    """Return a world whose replies are late up to `WELL`, and its reports of slow stations.
+
+    `overlapping`: each reply is late by itself; else the device does one request after the other.
+    """
+    more["reply_timeout"] = SECOND
+    if overlapping:
+        world = LateWorld(name, lateness=lambda now: late if now < WELL else 0, **more)
+    else:
+        world = LateWorld(name, FaultRule(kind="delay", time=late, end=WELL), **more)
+    reports: list[str] = []
+    world.service.engine.late.slow.on_change = lambda station, is_slow: reports.append(
+        str(station) if is_slow else "well"
+    )
+    return world, reports
+
+
+@pytest.mark.parametrize(("name", "overlapping"), list(product(NUMBERED, (False, True))))
+@pytest.mark.parametrize(
+    ("times", "shown"), [(1.5, "1.5 s: set reply_timeout to 2 s"), (3.5, "3.5 s: set reply_timeout to 4 s")]
+)
+def test_the_advice_is_that_of_replies_without_numbers(name: str, overlapping: bool, times: float, shown: str) -> None:
+    world, reports = slow_world(name, int(times * SECOND), overlapping)
+    while world.clock.now() < WELL:
+        world.exchange()
+    assert reports == [f"{SHOWN[name]} answers after {shown} or more"]
+    assert world.late > 10 and world.service.engine.held_until == 0, "no request waits"
+    end = world.clock.now() + 2 * WELL_TIME
+    while world.clock.now() < end:
+        world.exchange()
+        world.clock.run_for(SECOND)
+    assert reports[1:] == ["well"] and world.wrong == [] and world.outcomes["ok"] > 60
+
+
+@pytest.mark.parametrize("name", NUMBERED)
+def test_a_late_reply_between_two_requests_is_shown_as_such(name: str) -> None:
+    """No run waits then, and the bytes of a reply may fit a request too."""
+    world = LateWorld(name, FaultRule(kind="delay", time=1500 * MS), watched=True, reply_timeout=SECOND)
+    assert world.exchange() == "no_reply"
+    world.seen.clear()
+    world.clock.run_for(2 * SECOND)
+    (late,) = [one for one in world.seen if one.kind == "not_taken"]
+    assert late.frame.startswith("reply") and late.reason == "late: the reply to a request that is over"
+    assert world.late == 1
+
+
+REPEATING = """
+protocol: repeating
+about: Requests have a number and are repeated with it.
+station: {type: number, range: 0..255}
+line: {kind: stream, tcp: 5000}
+params: {reply_timeout: {type: time, default: 1 s}}
+state: {number: {type: u8}}
+frames:
+  read: {from: client, body: [{const: 01}, {field: number, type: u8}, {field: station, type: u8}]}
+  value: {from: server, echo: [number, station], body: [{const: 02}, {field: number, type: u8}, {field: station, type: u8}, {field: it_is, type: u8}]}
+sequences:
+  exchange:
+    gives: {reply: answer}
+    local: {answer: frame}
+    steps:
+      - step: ask
+        set: {number: number + 1}
+        send: {read: {number: number, station: station}}
+        receive: [{frame: value, set: {answer: it}, then: end}]
+        within: reply_timeout
+        on_timeout: {then: resend, at_most: 1, else: {fail: no_reply}}
+  listen: {steps: [{step: idle, receive: [{frame: read, then: end}]}]}
+roles:
+  client: {lanes: {main: {exchange: exchange}}}
+  server: {lanes: {main: {listen: listen}}}
+"""  # noqa: E501
+"""Its reply to a repeated request may be the reply to the first."""
+
+
+class Asking:
+    """A client of REPEATING whose port is the test; `slow` are the reports of slow stations."""
+
+    def __init__(self, text: str = REPEATING) -> None:
+        protocol = load_protocol_text(text, "repeating")
+        self.engine = Engine(protocol, compile_protocol(protocol), "client", own=1)
+        self.slow: list[str] = []
+        self.engine.late.slow.on_change = lambda station, is_slow: self.slow.append(str(station))
+        self.outcomes: list[str] = []
+        self._leave(self.engine.opened(0), 0)
+
+    def _leave(self, commands: list[Command], now: int) -> None:
+        for _ in [one for one in commands if isinstance(one, Send)]:
+            self._leave(self.engine.sent(now), now)
+
+    def ask(self, now: int) -> None:
+        exchange = Exchange(station=3, on_done=lambda outcome: self.outcomes.append(outcome.outcome or "ok"))
+        self._leave(self.engine.start(exchange, now), now)
+
+    def tick(self, now: int) -> None:
+        self._leave(self.engine.tick(now), now)
+
+    def come(self, number: int, now: int) -> None:
+        self._leave(self.engine.receive(bytes([2, number, 3, 77]), now), now)
+
+
+@pytest.mark.parametrize("is_late", [True, False])
+def test_the_second_reply_to_a_repeated_request_shows_that_the_first_was_late(is_late: bool) -> None:
+    """With a single reply, the other was lost, and no late reply is known."""
+    asking = Asking()
+    asking.ask(0)
+    asking.tick(SECOND)
+    asking.come(1, 1500 * MS)
+    assert asking.outcomes == ["ok"] and asking.slow == []
+    if is_late:
+        asking.come(1, 2500 * MS)
+    assert asking.slow == ["station 3 answers after 1.5 s: set reply_timeout to 2 s or more"] * is_late
+    assert asking.engine.counters.late == is_late
+
+
+def test_a_number_that_begins_again_names_the_last_request() -> None:
+    text = REPEATING.replace("{number: number,", '{number: "number % 4",').replace(
+        "{then: resend, at_most: 1, else: {fail: no_reply}}", "{fail: no_reply}"
+    )
+    asking = Asking(text)
+    for second in range(5):
+        asking.ask(second * SECOND)
+        asking.tick((second + 1) * SECOND)
+    asking.come(1, 5500 * MS)
+    assert asking.outcomes == ["no_reply"] * 5
+    assert asking.slow == ["station 3 answers after 1.5 s: set reply_timeout to 2 s or more"]
+
+
+def test_the_run_reports_it_everywhere(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    device = "device: d1\nprotocol: modbus-tcp\nstation: 1\nmemory: {set: {40001: [7]}}\n"
+    delay = "faults: {rules: [{fault: delay, time: 1500 ms, from: 5 s, until: 30 s}]}\n"
+    (tmp_path / "d1.device.yaml").write_text(device + delay)
+    path = tmp_path / "r.run.yaml"
+    path.write_text(
+        'run: r\nchannels:\n  1: {port: "sim:d1.device.yaml", protocol: modbus-tcp, station: 1}\n'
+        'points:\n  a: {channel: 1, address: "40001"}\n'
+    )
+    shown = "station 1 answers after 1.5 s: set reply_timeout to 2 s or more"
+    assert main(["run", str(path), "--virtual", "--for", "20s", "--json", "--status"]) == 0
+    rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    troubles = [row["text"] for row in rows if row["event"] == "run_trouble"]
+    assert troubles[0] == f"channel 1: {shown}"
+    (status,) = [row for row in rows if row["event"] == "status"]
+    (channel,) = status["channels"]
+    assert channel["slow"] == [shown] and channel["late"] == 7
+    assert main(["run", str(path), "--virtual", "--for", "120s"]) == 0
+    printed = capsys.readouterr()
+    assert printed.err.startswith(f"channel 1: {shown}\n")
+    assert "channel 1: station 1 answers in time again after " in printed.err
