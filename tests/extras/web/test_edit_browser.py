@@ -90,7 +90,6 @@ def test_an_error_is_marked_and_bytes_are_read(tmp_path: Path) -> None:
         assert page.run("return document.querySelector('.gutter .bad').textContent") == "10"
         assert page.run("return document.querySelector('.line .wrong').textContent") == "u88"
         assert page.run("return document.querySelector('#meaning').classList.contains('old')")
-        picture(page, "edit-problem.png")
         page.until(lambda: "Correct the definition first" in page.text("#try .why"))
         assert page.errors() == []
 
