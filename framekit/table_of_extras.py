@@ -48,9 +48,9 @@ class Extra(NamedTuple):
     importers: Mapping[str, Importer] = {}
     """By the suffix of the files, in lower case."""
     options: Mapping[str, str] = {}
-    """Objects that do the work of options of the core's verbs, and of sections of run files (`fleet:`)."""
+    """Objects that do the work of options (`--web`), of sections of run files (`fleet:`), and readers of files."""
     sections: Mapping[str, str] = {}
-    """Sections of run files: functions that take the reader, the node and the folder, and return the section."""
+    """Functions that read sections of run files: they take the reader, the node and the folder."""
     schemas: Mapping[str, str] = {}
     """Functions that return the schemas of these sections."""
     pip: str = ""
@@ -122,7 +122,11 @@ EXTRAS: dict[str, Extra] = {
     ),
     "screen": Extra(options={"--screen": "screen.display:show"}, pip="screen", library="textual"),
     "commreq": Extra(
-        verbs={"Talk": {"commreq": Verb("explain or carry out command blocks", "framekit.extras.commreq.commreq_verb")}}
+        verbs={
+            "Talk": {"commreq": Verb("explain or carry out command blocks", "framekit.extras.commreq.commreq_verb")}
+        },
+        sections={"jobs": "commreq.section:read_jobs"},
+        options={"jobs:": "commreq.jobs:JobService", "NAME.jobs.yaml": "commreq.job_profiles:load_job_profile"},
     ),
     "fleet": Extra(
         verbs={

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from framekit.extras.commreq.jobs import Found
 from framekit.runfile.run_file import load_run
-from framekit.service.jobs import Found
 from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock
 

@@ -8,13 +8,13 @@ from typing import Any
 from shipped import file_of
 
 from framekit.definition.times import NEVER
+from framekit.extras.commreq.job_profiles import load_job_profile
+from framekit.extras.commreq.job_table import Attempt, JobTable
 from framekit.link.addresses import Address
 from framekit.memory.profile import load_profile
 from framekit.run.block_state import Failure
-from framekit.run.job_table import Attempt, JobTable
 from framekit.run.model import JobCommand, JobProfile, Order, OwnPlace
 from framekit.run.own_memory import addresses_of
-from framekit.runfile.job_profiles import load_job_profile
 
 MS = 1_000_000
 SECOND = 1_000_000_000

@@ -11,6 +11,7 @@ from framekit.definition.load.protocol import definition_path, load_protocol
 from framekit.definition.nodes import read_nodes
 from framekit.definition.problems import DefinitionError, Problem, most_important, plural
 from framekit.definition.schema import ANY_FIRST_KEY, kind_of
+from framekit.table_of_extras import OPTIONS, load
 
 if TYPE_CHECKING:
     from framekit.run.model import RunModel
@@ -153,9 +154,7 @@ def _faults(path: Path) -> Checked:
 
 
 def _jobs(path: Path) -> Checked:
-    from framekit.runfile.job_profiles import load_job_profile
-
-    profile = load_job_profile(path)
+    profile = load(OPTIONS["NAME.jobs.yaml"])(path)
     return Checked(f"jobs {profile.name}, {len(profile.slots)} slots, {profile.bits.size} status bits", [])
 
 

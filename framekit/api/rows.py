@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from framekit.link.events import Seen
     from framekit.run.block_state import BlockStatus
     from framekit.run.edit import RemovedBlocks
-    from framekit.run.job_table import JobStatus
-    from framekit.run.status import ChannelStatus, SinkStatus, StationStatus
+    from framekit.run.status import ChannelStatus, JobStatus, SinkStatus, StationStatus
     from framekit.run.trouble import Trouble
 
 FAULTY = ("bad", "noise", "trouble")

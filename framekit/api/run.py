@@ -27,7 +27,6 @@ from framekit.run.block_state import BlockState, BlockStatus
 from framekit.run.block_words import status_of
 from framekit.run.edit import Edit as Edit
 from framekit.run.edit import RemovedBlocks as RemovedBlocks
-from framekit.run.job_table import JobStatus as JobStatus
 from framekit.run.model import BLOCKS_IN_SET, OwnPlace
 from framekit.run.model import POINTS_SET as POINTS_SET
 from framekit.run.model import Block as Block
@@ -36,6 +35,7 @@ from framekit.run.model import RunModel as RunModel
 from framekit.run.own_memory import stored_by
 from framekit.run.status import ChannelStatus as ChannelStatus
 from framekit.run.status import JobsStatus as JobsStatus
+from framekit.run.status import JobStatus as JobStatus
 from framekit.run.status import RunStatus as RunStatus
 from framekit.run.status import SinkStatus as SinkStatus
 from framekit.run.trouble import Count, TroubleSource

@@ -38,8 +38,8 @@ from framekit.service.channel import (
 )
 from framekit.service.client import ClientService
 from framekit.service.device import DeviceService
-from framekit.service.jobs import JobService, ResolveHost, resolver_for
 from framekit.service.points import PointService
+from framekit.service.run_jobs import ResolveHost, RunJobs, jobs_at_work
 from framekit.service.run_loop import RunLoop
 from framekit.service.run_status import run_status
 from framekit.service.sinks import SinkHost, SinkService
@@ -168,7 +168,7 @@ class RunService(ChannelOwner):
         )  # fmt: skip
         for state in self.states.values():
             self.block_memory.add(state, protocol_of(run, state.block))
-        self.jobs: JobService | None = None
+        self.jobs: RunJobs | None = None
         requests = None if after is None else after.lines.requests
         lines = RunChannels(self.channels, clock, self.access, self, monitor, self.loop, requests, offers_faults)
         self.lines: RunChannels = lines
@@ -179,9 +179,8 @@ class RunService(ChannelOwner):
         self.removed = Removed()
         self.on_channel: OnChannel = lambda number, channel: None
         if run.jobs is not None:
-            found = resolve or resolver_for(clock)
-            self.jobs = JobService(
-                run.jobs, self.memory, self.channels, clock, self.finished, self.loop.wake, found, self
+            self.jobs = jobs_at_work(
+                run.jobs, self.memory, self.channels, clock, self.finished, self.loop.wake, resolve, self
             )
             self.exchanges.take_job = self.jobs.take
         put_values(self.memory, run.initial)

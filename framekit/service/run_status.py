@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 from framekit.definition.times import LineSettings
 from framekit.run.block_state import BlockState
-from framekit.run.job_table import JobTable
-from framekit.run.status import USER_DEFINED, ChannelStatus, JobsStatus, RunStatus, StationStatus
+from framekit.run.status import USER_DEFINED, ChannelStatus, RunStatus, StationStatus
 from framekit.service.channel import ChannelService
 from framekit.transport.schemes import without_files
 
@@ -26,7 +25,7 @@ def run_status(service: RunService) -> RunStatus:
         running=service.running,
         channels=tuple(_channel_status(service, channel, now) for channel in service.channels.values()),
         blocks=tuple(service.status()),
-        jobs=None if service.jobs is None else _jobs_status(service.jobs.table),
+        jobs=None if service.jobs is None else service.jobs.status(),
         removed=tuple(replace(one, reasons=one.reasons.copy()) for one in service.removed),
         sinks=tuple(service.sinks.status),
         troubles=service.troubles.present(),
@@ -57,11 +56,6 @@ def _has_answered(state: BlockState) -> bool:
     """Return whether the station answered in the last exchange of a block."""
     failure = state.last_failure
     return state.ended_well or (failure is not None and failure.outcome == "refused" and not state.dead)
-
-
-def _jobs_status(table: JobTable) -> JobsStatus:
-    counters = replace(table.counters, kinds=dict(table.counters.kinds))
-    return JobsStatus(slots=tuple(table.status()), log=tuple(table.log), events=table.log.total, counters=counters)
 
 
 def _channel_status(service: RunService, at_work: ChannelService, now: int) -> ChannelStatus:

@@ -8,11 +8,11 @@ import pytest
 
 from framekit.definition.load.protocol import load_protocol
 from framekit.extras.commreq.command_meaning import Meaning, meaning_of
+from framekit.extras.commreq.job_profiles import load_job_profile
 from framekit.link.scope import Scope
 from framekit.memory.memory import DeviceMemory
 from framekit.run.commands import CommandBlocks, CommandFaultError, bytes_of
 from framekit.runfile.devices import memory_of
-from framekit.runfile.job_profiles import load_job_profile
 
 READ = [17, 0, 8, 9, 0, 0, 2003, 5, 10, 3, 7, 50, 8, 100, 8, 50, 8, 1, 4, 3, 0, 0, 1]
 NAME = [0x4C50, 0x5F43, 0x6131, 0x0061] + [0] * 28

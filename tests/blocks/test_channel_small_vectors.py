@@ -9,6 +9,7 @@ from framekit.definition.load.protocol import load_protocol
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import NOWHERE
 from framekit.extras.commreq.command_meaning import meaning_of
+from framekit.extras.commreq.job_profiles import load_job_profile
 from framekit.link.scope import Scope
 from framekit.memory.memory import DeviceMemory
 from framekit.memory.views import as_signed
@@ -16,7 +17,6 @@ from framekit.run.commands import CommandBlocks, bytes_of, words_of
 from framekit.run.model import CodeClass
 from framekit.runfile.blocks import commands_for
 from framekit.runfile.devices import memory_of
-from framekit.runfile.job_profiles import load_job_profile
 
 PROFILE = load_job_profile("ge-channels")
 READ = [17, 0, 8, 9, 0, 0, 2003, 5, 10, 3, 20, 0, 8, 100, 8, 50, 4, 1, 4, 3, 0, 0, 2]

@@ -9,8 +9,8 @@ import pytest
 from job_world import profile_with
 
 from framekit.definition.problems import DefinitionError
+from framekit.extras.commreq.job_profiles import load_job_profile
 from framekit.run.model import CodeClass
-from framekit.runfile.job_profiles import load_job_profile
 
 HOUR = 3600 * 1_000_000_000
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from job_world import MS, SECOND, JobWorld, place, profile_with
 
+from framekit.extras.commreq.job_table import JobState
 from framekit.run.block_state import Failure
-from framekit.run.job_table import JobState
 
 READY = (13, 16)
 

@@ -15,7 +15,7 @@ import pytest
 from framekit.cli.parser import build_parser
 from framekit.definition.load.protocol import load_protocol
 from framekit.extras.commreq.commreq_verb import NO_ANSWER, JobCommands, carry_out_jobs
-from framekit.run.job_table import JobSlot, status_of
+from framekit.extras.commreq.job_table import JobSlot, status_of
 
 
 class Output:

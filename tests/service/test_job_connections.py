@@ -11,8 +11,8 @@ from job_bench import Bench, bench, write_device
 
 from framekit.api.run import run_status
 from framekit.definition.problems import DefinitionError
+from framekit.extras.commreq.jobs import FIRST_OPENED
 from framekit.runfile.run_file import load_run
-from framekit.service.jobs import FIRST_OPENED
 from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock
 from framekit.transport.port import Port

@@ -1,1 +1,1 @@
-"""Explain and carry out command blocks (`framekit commreq`)."""
+"""Explain and carry out command blocks (`framekit commreq`), and execute the jobs of a run (`jobs:`)."""

@@ -17,6 +17,8 @@ from framekit.definition.model.services import JobWork
 from framekit.definition.problems import Position, did_you_mean, no_such
 from framekit.extras.commreq.command_meaning import Meaning as Meaning
 from framekit.extras.commreq.command_meaning import meaning_of
+from framekit.extras.commreq.job_profiles import load_job_profile
+from framekit.extras.commreq.jobs import JobLine as JobLine
 from framekit.link.addresses import Address, AddressError
 from framekit.link.conversation import default_line
 from framekit.link.events import Monitor
@@ -28,12 +30,10 @@ from framekit.run.commands import CommandBlocks as CommandBlocks
 from framekit.run.commands import CommandEnd as CommandEnd
 from framekit.run.commands import CommandFaultError as CommandFaultError
 from framekit.run.commands import CommandWords, bytes_of
-from framekit.run.job_table import JobStatus as JobStatus
 from framekit.run.model import JobProfile as JobProfile
+from framekit.run.status import JobStatus as JobStatus
 from framekit.runfile.blocks import commands_for
 from framekit.runfile.devices import memory_of
-from framekit.runfile.job_profiles import load_job_profile
-from framekit.service.jobs import JobLine as JobLine
 from framekit.transport.clock import AsyncioClock
 
 

@@ -14,7 +14,7 @@ from enum import Enum
 from typing import Any, get_args
 from typing import Protocol as Interface
 
-from framekit.codec.shown import code_text, explain
+from framekit.codec.shown import explain
 from framekit.definition.model.frames import expressions_of
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
@@ -30,13 +30,13 @@ from framekit.run.model import (
     AfterLate,
     CodeClass,
     CommandKind,
-    EventCode,
     JobCommand,
     JobProfile,
     Order,
     OrderKind,
     OwnPlace,
 )
+from framekit.run.status import Event, JobCounters, JobStatus, TableCounters
 from framekit.run.status_bits import StatusImage
 
 
@@ -55,23 +55,6 @@ class Attempt:
 
     slot: int
     order: Order
-
-
-@dataclass(slots=True)
-class JobCounters:
-    """The counts of a slot since the start of the run."""
-
-    established: int = 0
-    good: int = 0
-    refused: int = 0
-    late: int = 0
-    over_period: int = 0
-    ended: int = 0
-
-    @property
-    def completed(self) -> int:
-        """Return the number of completed transfers: good and refused ones."""
-        return self.good + self.refused
 
 
 @dataclass(slots=True)
@@ -158,36 +141,6 @@ class JobSlot:
         return self.word, int(self.active)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Event:
-    """An irregular event of the table."""
-
-    at: int
-    """The time of the event (ns)."""
-    name: str
-    slot: int | None
-    """The slot, or None if the event belongs to no slot."""
-    word: int
-    """The code of the event; 0 if it has no code."""
-    text: str
-    code: EventCode | None = None
-    """The number of the event in the profile, if it has one."""
-
-    def __str__(self) -> str:
-        """Return the event in words, with its time."""
-        return f"{self.at / 1e9:.3f} s {self.what}"
-
-    @property
-    def what(self) -> str:
-        """Return the event in words, without its time."""
-        slot = "" if self.slot is None else f" slot {self.slot}"
-        number = "" if self.code is None else f" event {code_text(self.code.number, 2)}" + "".join(
-            f" {code_text(entry)}" for entry in self.code.entries
-        )  # fmt: skip
-        word = f" {code_text(self.word)} {self.text}" if self.word else ""
-        return f"{self.name}{slot}{number}{word}"
-
-
 class EventLog:
     """The last events, oldest first; `total` counts all events."""
 
@@ -207,42 +160,6 @@ class EventLog:
 
     def __len__(self) -> int:
         return len(self._events)
-
-
-@dataclass(slots=True)
-class TableCounters:
-    """The counts of commands since the start."""
-
-    taken: int = 0
-    lost: int = 0
-    """Commands beyond the limit of a scan, and commands to a stopped table."""
-    faults: int = 0
-    """Words that are not a command, and commands whose status word has no place."""
-    refused: int = 0
-    kinds: dict[str, int] = field(default_factory=dict)
-    """The numbers of taken commands by kind."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class JobStatus:
-    """The state of a slot: type and state of its job, last code and error, counters, both ends of the transfer."""
-
-    slot: int
-    kind: str
-    state: str
-    word: int
-    text: str
-    error: bool
-    pending: bool
-    counters: JobCounters
-    remote: str = ""
-    own: str = ""
-    count: int = 0
-    host: str = ""
-    period: int = 0
-    left: int | None = None
-    last_good: int | None = None
-    last_error: int | None = None
 
 
 def status_of(slot: JobSlot, profile: JobProfile) -> JobStatus:

@@ -15,13 +15,13 @@ from collections.abc import Callable, Container, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Protocol as Interface
 
 from framekit.codec.codec import compile_protocol
 from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import NOWHERE
 from framekit.definition.times import NEVER
+from framekit.extras.commreq.job_table import Attempt, JobTable, RecordReader
 from framekit.link.events import Command as LinkCommand
 from framekit.link.events import Monitor
 from framekit.link.packing import values_of
@@ -30,7 +30,6 @@ from framekit.link.values import EVALUATION_ERRORS
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
 from framekit.run.block_state import Failure, failure_of
 from framekit.run.commands import CommandFaultError, StatusPlaceError
-from framekit.run.job_table import Attempt, JobTable, RecordReader
 from framekit.run.model import (
     Channel,
     JobCommand,
@@ -44,14 +43,11 @@ from framekit.run.model import (
     is_address,
 )
 from framekit.run.own_memory import AddressedMemory, read_piece, store_pieces
+from framekit.run.status import JobsStatus
 from framekit.runfile.devices import memory_of
 from framekit.service.channel import ChannelOwner, ChannelService, RunChannels
+from framekit.service.run_jobs import ChannelOpener, Found, ResolveHost
 from framekit.transport.clock import AsyncioClock, Clock
-
-Found = Callable[[list[str] | None], None]
-"""Callback for the addresses of a name: empty if the name is unknown, None if the resolver failed."""
-
-ResolveHost = Callable[[str, Found], None]
 
 
 def resolver_for(clock: Clock) -> ResolveHost:
@@ -88,16 +84,6 @@ FIRST_OPENED = 1001
 
 Way = Callable[[int | None, str], None]
 """Callback for the number of a channel; None with the reason, a word of a job profile, if no channel is available."""
-
-
-class ChannelOpener(Interface):
-    """Owner of the channels, which can open more of them."""
-
-    def open_for_jobs(self, channel: Channel) -> None:
-        """Make and open a channel. Raises ValueError for a port that cannot be made."""
-
-    def close_for_jobs(self, number: int) -> None:
-        """Close and remove a channel opened for jobs."""
 
 
 class HostChannels:
@@ -232,7 +218,7 @@ class JobService:
         clock: Clock,
         finished: Finished,
         wake: Callable[[], None],
-        resolve: ResolveHost,
+        resolve: ResolveHost | None,
         opener: ChannelOpener,
     ) -> None:
         self.section = section
@@ -244,7 +230,7 @@ class JobService:
         self.table = JobTable(section.profile, self)
         if section.opening is not None:
             compile_protocol(section.opening.channel.protocol)  # not in the midst of exchanges
-        self.hosts = HostChannels(section, channels, clock, resolve, opener, self._uses)
+        self.hosts = HostChannels(section, channels, clock, resolve or resolver_for(clock), opener, self._uses)
         self._channel_of: dict[int, int] = {}
         self._waiting: dict[int, list[Attempt]] = {}
         self._surplus: deque[JobCommand] = deque()
@@ -275,6 +261,12 @@ class JobService:
     def deadline(self) -> int:
         """Return the time of the next work for `tick`."""
         return min(self.table.deadline, self.table.room_at(self.clock.now()) if self._surplus else NEVER)
+
+    def status(self) -> JobsStatus:
+        """Return the state of the slots, the last events, and the counted commands."""
+        table = self.table
+        counters = replace(table.counters, kinds=dict(table.counters.kinds))
+        return JobsStatus(slots=tuple(table.status()), log=tuple(table.log), events=table.log.total, counters=counters)
 
     def tick(self, now: int) -> None:
         """Do the work that is due; waiting commands come first."""
