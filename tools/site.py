@@ -42,12 +42,16 @@ SECTIONS: dict[str, list[str]] = {
         "docs/conversion.md", "docs/text-numbers.md", "docs/sharing.md",
     ],
     "Reference": [
-        "docs/reference.md", "docs/segments.md", "docs/cli.md", "docs/error-codes.md",
+        "docs/reference.md", *sorted(str(page.relative_to(ROOT)) for page in ROOT.glob("docs/reference/*.md")),
+        "docs/segments.md", *sorted(str(page.relative_to(ROOT)) for page in ROOT.glob("docs/segments/*.md")),
+        "docs/cli.md", "docs/error-codes.md",
         "docs/python-api.md", "docs/python-frames.md", "docs/python-runs.md", "docs/glossary.md",
     ],
     "How it works": [
         "docs/architecture.md", "docs/receiver.md", "docs/performance.md", "docs/internals/performance.md",
-        "docs/internals/guess.md", "docs/internals/tests.md", "docs/extending.md", "CONTRIBUTING.md",
+        "docs/internals/speed.md",
+        "docs/internals/guess.md", "docs/internals/tests.md", "docs/extending.md",
+        "docs/extending-ports.md", "docs/extending-values.md", "CONTRIBUTING.md",
     ],
     "Protocols": sorted(str(page.relative_to(ROOT)) for page in ROOT.glob("docs/protocols/*.md")),
 }  # fmt: skip

@@ -1,6 +1,6 @@
 """One case for every kind of segment and every option: YAML, values and bytes.
 
-Both compilers are tested with them, and `docs/segments.md` is made of them, so the table can't go stale.
+Both compilers are tested with them, and the pages of `docs/segments` are made of them.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`docs/reference.md` is what the schema makes of it, and says something about every key."""
+"""The pages of the reference follow the schema, and describe every key."""
 
 from __future__ import annotations
 
@@ -11,9 +11,15 @@ from framekit.runfile.schema_files import read_files
 REFERENCE = Reference(read_files(shipped_folder("schemas")))
 
 
-def test_the_page_is_up_to_date() -> None:
-    page = (DOCS / "reference.md").read_text("utf-8")
-    assert page == REFERENCE.page(), "run python -m framekit.runfile.reference_page"
+def test_the_pages_are_up_to_date() -> None:
+    stored = [DOCS / "reference.md", *(DOCS / "reference").glob("*.md")]
+    pages = {str(page.relative_to(DOCS)): page.read_text("utf-8") for page in stored}
+    assert pages == REFERENCE.pages(), "run python -m framekit.runfile.reference_page"
+
+
+def test_every_part_is_on_one_page() -> None:
+    text = "\n".join(REFERENCE.pages().values())
+    assert [part.name for part in REFERENCE.parts.values() if text.count(f"\n## {part.name}\n") != 1] == []
 
 
 def test_every_key_is_described() -> None:

@@ -1,16 +1,17 @@
-"""`docs/segments.md` is what its generator makes of the cases."""
+"""The pages of segments follow the cases that both compilers are tested with."""
 
 from __future__ import annotations
 
-import importlib.util
-from pathlib import Path
+from docs.pages import DOCS
+from docs.segments_table import PAGES, pages
+from segment_cases import SECTIONS
 
-HERE = Path(__file__).parent
+
+def test_the_pages_are_up_to_date() -> None:
+    stored = [DOCS / "segments.md", *(DOCS / "segments").glob("*.md")]
+    found = {str(page.relative_to(DOCS)): page.read_text(encoding="utf-8") for page in stored}
+    assert found == pages(), "run python tests/docs/segments_table.py"
 
 
-def test_the_page_is_up_to_date() -> None:
-    spec = importlib.util.spec_from_file_location("segments_table", HERE / "segments_table.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    assert module.PAGE.read_text(encoding="utf-8") == module.page(), "run python tests/docs/segments_table.py"
+def test_every_section_is_on_one_page() -> None:
+    assert sorted(title for titles in PAGES.values() for title in titles) == sorted(SECTIONS)
