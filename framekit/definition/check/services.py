@@ -39,7 +39,7 @@ from framekit.definition.model.services import (
     mentions_of,
 )
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ReadAs, Value
-from framekit.definition.problems import Position, Problem, did_you_mean, listed
+from framekit.definition.problems import Problem, did_you_mean, listed
 
 
 def check_services(protocol: Protocol, broken: Collection[str] = ()) -> list[Problem]:
@@ -143,19 +143,14 @@ def _never_fit(protocol: Protocol, made: FrameOf, frame: Frame) -> Iterator[Prob
                 what = f"{value} does not fit: '{name}' of '{frame.name}' holds no such fraction"
                 yield Problem(value.at, what, "correct one of them")
         is_code = isinstance(value.root, Name) and value.root.name == "code"
-        for number in codes.values() if is_code else (value,):
-            yield from _fits(constant_number(number), number.at, name, frame)
-
-
-def _fits(number: int | None, at: Position, name: str, frame: Frame) -> Iterator[Problem]:
-    if number is None:
-        return
-    spans = _spans(name, frame)
-    if spans and not any(low <= number <= high for low, high in spans):
-        low, high = spans[0]
-        yield Problem(
-            at, f"{number} does not fit: '{name}' of '{frame.name}' holds {low} to {high}", "correct one of them"
-        )
+        numbers = [(constant_number(one), one.at) for one in (codes.values() if is_code else (value,))]
+        known = [(number, at) for number, at in numbers if number is not None]
+        spans = _spans(name, frame) if known else []
+        for number, at in known if spans else ():
+            if not any(low <= number <= high for low, high in spans):
+                low, high = spans[0]
+                what = f"{number} does not fit: '{name}' of '{frame.name}' holds {low} to {high}"
+                yield Problem(at, what, "correct one of them")
 
 
 def _spans(name: str, frame: Frame) -> list[tuple[int, int]]:

@@ -16,6 +16,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Set
 from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import cache
 from typing import Any, TypeVar
 
 from framekit.definition.expression import (
@@ -85,16 +86,20 @@ def _changed(value: Any, change: Callable[[Any], Any]) -> Any:
         return value if all(new is old for new, old in zip(items, value, strict=True)) else items
     if isinstance(value, dict):
         return {key: change(item) for key, item in value.items()}
-    if not is_dataclass(value) or isinstance(value, type):
-        return value
     changes = {}
-    for field in fields(value):
-        old = getattr(value, field.name)
-        if isinstance(old, (tuple, dict)) or is_dataclass(old):
+    for name in _field_names(value.__class__):
+        old = getattr(value, name)
+        if old.__class__ is not Position and (isinstance(old, (tuple, dict)) or _field_names(old.__class__)):
             new = change(old)
             if new is not old:
-                changes[field.name] = new
+                changes[name] = new
     return replace(value, **changes) if changes else value
+
+
+@cache
+def _field_names(kind: type) -> tuple[str, ...]:
+    """Return the names of the fields of a data class; an empty tuple for any other class."""
+    return tuple(field.name for field in fields(kind)) if is_dataclass(kind) else ()
 
 
 def _compared(reader: Reader, node: Compare, numbers_of: NumbersOf) -> Compare:

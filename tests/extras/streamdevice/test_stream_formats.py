@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 import yaml
+from spread import spread
 
 from framekit.api.codec import Protocol
 from framekit.codec.errors import EncodeError, FrameError
@@ -77,7 +78,7 @@ def as_printf(form: str, value: Any) -> bytes:
 VALUES: dict[str, list[Any]] = {**dict.fromkeys("diuxXo", WHOLE), **dict.fromkeys("feEgG", REALS), "s": TEXTS}
 
 
-@pytest.mark.parametrize("kind", VALUES)
+@pytest.mark.parametrize("kind", spread(VALUES, 4))
 def test_what_is_sent_is_what_printf_writes(kind: str) -> None:
     wanted = {f'out "A{form}{behind}"': (form, behind) for form in formats(kind) for behind in ("", "Z", " V")}
     protocol, frames = frames_of(list(wanted))

@@ -11,6 +11,7 @@ from random import Random
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from spread import spread
 
 import framekit
 from framekit.api.check import check_file
@@ -311,7 +312,7 @@ DOUBLING = {
 }
 
 
-@pytest.mark.parametrize("shape", DOUBLING)
+@pytest.mark.parametrize("shape", spread(DOUBLING, 3))
 def test_what_takes_itself_over_and_over_has_a_bound(shape: str) -> None:
     (one,) = told(f"Terminator = CR; {DOUBLING[shape]}")
     assert "all protocols together have more than" in one
@@ -368,7 +369,7 @@ def steps_of(text: str) -> int:
     return count
 
 
-@pytest.mark.parametrize("shape", GROWING)
+@pytest.mark.parametrize("shape", spread(GROWING, 5))
 def test_work_grows_as_the_file_does(shape: str) -> None:
     text = GROWING[shape]
     small, large = (steps_of(f"Terminator = CR LF;\n{text(size)}") for size in (250, 1000))
