@@ -466,6 +466,8 @@ class LateReplies:
         doubt.asks.append((request_of(run, x), now))
         doubt.is_held = self.until > now + silence(now - run.started, within)
         content, took = content_of(results, reply), now - run.asked_at
+        if self.seen_at < min(one.at for one in others) and not self._greatest_of(x.station):
+            took = now - run.started  # no reply was late: the last of the repeated requests was answered, presumably
         if doubt.equal and content == doubt.result:
             doubt.equal += 1
         else:
