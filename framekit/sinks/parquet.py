@@ -1,7 +1,8 @@
 """Files of columns for analysis: Parquet, a file for each hour or day, with a column for each point.
 
-Rows are lines of JSON in another file, `NAME.parquet.part`, until the hour is over: a Parquet file can be read
-only when it is complete. After a crash the next start continues that file.
+Rows are lines of JSON in another file, `NAME.parquet.part`, until the hour is over, because a Parquet file can be read
+only when it is complete. After a crash the next start continues that file. While it is converted it has the name of the
+Parquet file with the end `.rows`.
 """
 
 from __future__ import annotations
@@ -17,10 +18,14 @@ from typing import Any, ClassVar, Literal
 
 from framekit.definition.keys import NUMBER, Form, key, words
 from framekit.definition.problems import error_text, plural
+from framekit.run.model import Point
 from framekit.run.points import PointValue
 from framekit.sinks.base import FILE, Sampled, Sink, SinkKind, good_value, not_installed, value_type
 from framekit.sinks.files import LinesFile, begins_like, keep_newest, name_with, stamp_of
 from framekit.sinks.opened_file import CUT
+
+ROWS = ".rows"
+"""End of the name of a file of rows that becomes a Parquet file; the rest is the name of that file."""
 
 CELLS_AT_ONCE = 500_000
 """Largest number of values in memory while a file is made."""
@@ -89,37 +94,55 @@ class ParquetSink(LinesFile):
             self._values.update(value.name for value in sample.values)
         return accepted
 
+    def open(self, points: Sequence[Point]) -> None:
+        if self.path.parent.is_dir():
+            name = self.finished
+            for rows in sorted(self.path.parent.iterdir()):
+                if rows.name.startswith(f"{name.stem}.") and rows.name.endswith(f"{name.suffix}{ROWS}"):
+                    self._complete(rows)
+        super().open(points)
+
     def put_aside(self, stamp: str) -> Path:
-        """Convert the rows to a Parquet file and return its name; they are deleted when it is complete.
+        """Convert the rows to a Parquet file and return its name.
+
+        They are renamed first: after a failure their name shows to which Parquet file they belong, so that no row is in
+        two files.
+        """
+        target = name_with(self.finished, stamp)
+        rows = target.with_name(f"{target.name}{ROWS}")
+        self.path.rename(rows)
+        try:
+            return self._complete(rows)
+        finally:
+            self._forget_rows()
+
+    def _complete(self, rows: Path) -> Path:
+        """Convert a file of rows, which has the name of its Parquet file, unless that is complete, and delete it.
 
         Rows that cannot be converted, because another program has changed them, are renamed and counted as lost.
         """
-        try:
-            target = self._convert(self.path, stamp)
-        except (ValueError, TypeError, LookupError) as error:
-            target = name_with(self.path, stamp)
-            self.path.rename(target)
-            self._lose(f"the rows in {target} cannot be converted: {error_text(error)}")
-            return target
-        self.path.unlink()
+        target = rows.with_suffix("")
+        if not target.exists():
+            try:
+                self._convert(rows, target)
+            except (ValueError, TypeError, LookupError) as error:
+                aside = rows.with_suffix(".damaged")
+                rows.rename(aside)
+                self._lose(f"the rows in {aside} cannot be converted: {error_text(error)}")
+                return aside
+        rows.unlink()
         return target
 
-    def _convert(self, lines: Path | int, stamp: str) -> Path:
-        """Write the rows of a file or of a file descriptor to a Parquet file, which appears complete; return its
-        name.
-        """
-        target = name_with(self.finished, stamp)
+    def _convert(self, lines: Path | int, target: Path) -> None:
+        """Write the rows of a file or of a file descriptor to a Parquet file, which appears complete."""
         half = target.with_name(f"{target.name}.half")
         try:
             write_parquet(lines, half)
             half.rename(target)
         finally:
             half.unlink(missing_ok=True)
-        self._rows = 0
-        self._values.clear()
         self._aside.append(target)
         keep_newest(self.finished, self._most, self._aside)
-        return target
 
     def leave(self, change: str) -> None:
         """Count the rows that another program has cut off, and convert those of a moved or deleted file, which is still
@@ -130,7 +153,8 @@ class ParquetSink(LinesFile):
                 self._count_cut_rows(self._file)
                 if change != CUT and self._began:
                     os.lseek(self._file, 0, os.SEEK_SET)
-                    self._convert(self._file, stamp_of(self._began))
+                    self._convert(self._file, name_with(self.finished, stamp_of(self._began)))
+                    self._forget_rows()
         except (OSError, ValueError, TypeError, LookupError) as error:
             self._lose(f"its rows cannot be converted: {error_text(error)}")
         finally:
@@ -158,8 +182,12 @@ class ParquetSink(LinesFile):
         """Count all rows of this run in the file of rows as lost."""
         if self._host is not None:
             self._host.loses(self._rows, self._values, why)
+        self._forget_rows()
+
+    def _forget_rows(self) -> None:
+        """Note that the file of rows has no rows of this run any more."""
         self._rows = 0
-        self._values.clear()
+        self._values = Counter()
 
     def close(self) -> None:
         """Convert the rows of the last hour, so that its file is readable."""
@@ -168,7 +196,7 @@ class ParquetSink(LinesFile):
             if self._file is not None and self._began:
                 self._finish()
         except OSError as error:
-            raise OSError(error.errno, f"the last rows stay in {self.path}: {error_text(error)}") from error
+            raise OSError(error.errno, f"the last rows wait for the next run: {error_text(error)}") from error
         finally:
             super().close()
 

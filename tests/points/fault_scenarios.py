@@ -37,6 +37,7 @@ from framekit.service.state import KeptRun, StateError, StateFile
 from framekit.sinks import Sink, SinkKind
 from framekit.sinks.base import Sampled
 from framekit.sinks.files import CsvFile, JsonLines
+from framekit.sinks.parquet import ParquetFiles
 from framekit.sinks.sqlite import SqliteHistory, read_history
 from framekit.sinks.store import NetworkSink, Store
 from framekit.transport.clock import VirtualClock
@@ -166,6 +167,22 @@ def history(folder: Path, faults: Faults) -> None:
         return [row.value for row in read_history(path)]
 
     sink_scenario(SqliteHistory(sqlite=str(path), at=NOWHERE), found, faults)
+
+
+def parquet(folder: Path, faults: Faults) -> None:
+    from pyarrow.parquet import read_table
+
+    def found() -> list[int]:
+        rule(not list(folder.glob("*.damaged")), "rows were not converted")
+        numbers = []
+        for name in sorted(folder.glob("values.*.parquet")):
+            numbers += [time.minute for time in read_table(name)["time"].to_pylist()]
+        for name in [*sorted(folder.glob("*.rows")), *folder.glob("*.part")]:
+            if not name.with_suffix("").exists() or name.suffix == ".part":
+                numbers += [int(minute) for minute in re.findall(r"T12:(\d\d):00.000Z", name.read_text())]
+        return numbers
+
+    sink_scenario(ParquetFiles(parquet=str(folder / "values.parquet"), at=NOWHERE), found, faults)
 
 
 # ---- the store of a server ---------------------------------------------------------------------------------------
@@ -348,6 +365,7 @@ SCENARIOS: dict[str, Scenario] = {
     "csv-rotate": files_scenario(lambda path: CsvFile(csv=path, rotate=130, keep=2, at=NOWHERE), ".csv", False),
     "jsonl": files_scenario(lambda path: JsonLines(jsonl=path, at=NOWHERE), ".jsonl", True),
     "sqlite": history,
+    "parquet": parquet,
     "store": store,
     "state": state_scenario(is_new=False),
     "new-state": state_scenario(is_new=True),

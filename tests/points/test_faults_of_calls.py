@@ -34,7 +34,15 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-LEAST = {"cache": 20, "capture-pcap": 60, "capture-jsonl": 60, "csv": 60, "jsonl": 60, "csv-rotate": 130}
+LEAST = {
+    "cache": 20,
+    "capture-pcap": 60,
+    "capture-jsonl": 60,
+    "csv": 60,
+    "jsonl": 60,
+    "csv-rotate": 130,
+    "parquet": 100,
+}
 """Trials of a scenario at least; of the others there are more than 200."""
 SHORT = ("cache", "capture-pcap", "csv-rotate")
 

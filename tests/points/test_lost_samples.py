@@ -21,7 +21,7 @@ from framekit.definition.problems import NOWHERE
 from framekit.run.trouble import Troubles
 from framekit.service.sinks import SinkFeeder, SinkHost
 from framekit.sinks import SINKS
-from framekit.sinks.parquet import ParquetFiles
+from framekit.sinks.parquet import ParquetFiles, write_parquet
 from framekit.transport.clock import VirtualClock
 
 FILES = {
@@ -148,13 +148,12 @@ def test_a_parquet_file_that_cannot_be_completed_at_the_end(
 
     monkeypatch.setattr("framekit.sinks.parquet.write_parquet", full)
     status, lines = end_of(tmp_path, FILES["parquet"], capsys)
-    part = tmp_path / "values.parquet.part"
-    text = f"sink parquet {tmp_path}/values.parquet: the last rows stay in {part}: No space left on device"
+    text = f"sink parquet {tmp_path}/values.parquet: the last rows wait for the next run: No space left on device"
     assert (status, lines) == (1, [f"{text} – make room there", text])
     monkeypatch.undo()
     assert end_of(tmp_path, FILES["parquet"], capsys) == (0, []), "the next run converts them"
-    (made,) = tmp_path.glob("values.*.parquet")
-    assert len(rows_of(made)) == 8 and not part.exists()
+    assert [len(rows_of(made)) for made in tmp_path.glob("values.*.parquet")] == [4, 4]
+    assert not [*tmp_path.glob("*.rows"), *tmp_path.glob("*.part")]
 
 
 class Rows:
@@ -224,6 +223,25 @@ def test_rows_of_two_cuts_are_counted_once(tmp_path: Path) -> None:
     assert rows.feeder.trouble.trouble.lost == 2
 
 
+def test_rows_of_an_interrupted_conversion_come_once(tmp_path: Path) -> None:
+    """Two runs ended during a conversion: before the Parquet file was complete, and after that. A third is damaged."""
+    path = tmp_path / "values.parquet"
+    for stamp in ("20260301T100000", "20260301T110000"):
+        rows = Rows(path)
+        rows.put(1)
+        rows.feeder._sink._let_go()  # type: ignore[attr-defined]  # as a kill does
+        (tmp_path / "values.parquet.part").rename(part := tmp_path / f"values.{stamp}.parquet.rows")
+    write_parquet(part, part.with_suffix(""))
+    (tmp_path / "values.20260301T120000.parquet.rows").write_text("no rows\n")
+    rows = Rows(path)
+    assert sorted(one.name for one in tmp_path.iterdir()) == [
+        "values.20260301T100000.parquet", "values.20260301T110000.parquet", "values.20260301T120000.parquet.damaged",
+        "values.parquet.part",
+    ]  # fmt: skip
+    assert [len(rows_of(made)) for made in tmp_path.glob("values.*.parquet")] == [1, 1]
+    assert len(rows.lines) == 1 and "values.20260301T120000.parquet.damaged cannot be converted" in rows.lines[0]
+
+
 @pytest.mark.parametrize("place", [0, -20])
 def test_rows_that_another_program_changes_are_kept_aside(tmp_path: Path, place: int) -> None:
     path, part = tmp_path / "values.parquet", tmp_path / "values.parquet.part"
@@ -233,7 +251,7 @@ def test_rows_that_another_program_changes_are_kept_aside(tmp_path: Path, place:
     data[place] = 0xFF
     part.write_bytes(data)
     rows.feeder.stop()
-    aside = tmp_path / "values.parquet.20260301T120001.part"
+    aside = tmp_path / "values.20260301T120001.parquet.damaged"
     assert aside.read_bytes() == data and not part.exists()
     (line,) = rows.lines
     assert line.startswith(f"sink parquet {path}: the rows in {aside} cannot be converted: ")
