@@ -1,4 +1,4 @@
-"""Damaged streams against the parsers of generated C, with AddressSanitizer and UBSan: `python tests/extras/generate_c/c_fuzz.py`.
+"""Damaged streams against the parsers of generated C, with AddressSanitizer and UBSan.
 
     python tests/extras/generate_c/c_fuzz.py --bytes 100000000 [PROTOCOL …]
 
