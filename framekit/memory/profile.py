@@ -40,8 +40,21 @@ CALENDAR_PARTS: dict[str, Callable[[datetime], int]] = {
     "century": lambda date: date.year // 100,
     "weekday": lambda date: date.isoweekday() % 7,
     "days": lambda date: (date - datetime(1984, 1, 1)).days,
+    "ms_low": lambda date: _milliseconds(date) & 0xFFFF,
+    "ms_high": lambda date: _milliseconds(date) >> 16,
 }
-"""Values that a word of the calendar can show; a week begins with Sunday, 0, and days are counted from 1984 on."""
+"""Values that a word of the calendar can show; a week begins with Sunday, 0, and days are counted from 1984 on. The two
+words of the milliseconds of the day change once a second, like the others.
+"""
+
+WHOLE_WORDS = ("days", "ms_low", "ms_high")
+"""Values that do not fit into a byte."""
+
+
+def _milliseconds(date: datetime) -> int:
+    """Return the milliseconds since midnight at the begin of this second."""
+    return ((date.hour * 60 + date.minute) * 60 + date.second) * 1000
+
 
 FixedKind = Literal["on", "off", "first_scan", "after_first_scan", "every_scan"]
 
@@ -383,10 +396,9 @@ class ProfileLoader:
                 for part in parts:
                     if part not in CALENDAR_PARTS:
                         raise self.reader.unknown(entry.value.at, "part of a date", part, list(CALENDAR_PARTS))
-                if len(parts) == 2 and "days" in parts:
-                    raise self.reader.broken(
-                        entry.value.at, "the number of days takes a whole word", "write days alone"
-                    )
+                whole = next((part for part in parts if part in WHOLE_WORDS), "")
+                if len(parts) == 2 and whole:
+                    raise self.reader.broken(entry.value.at, f"'{whole}' takes a whole word", f"write {whole} alone")
                 if len(parts) not in (1, 2):
                     raise self.reader.broken(entry.value.at, "a word has two bytes", "give one part, or two")
                 words.append(CalendarWord(entry.key.text, parts, entry.key.at))

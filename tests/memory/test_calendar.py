@@ -54,6 +54,8 @@ def test_the_words_of_masterlogic() -> None:
     system.start(0)
     assert words(memory, 53, 54, 55, 56) == [0x1126, 0x1622, 0x5859, 0x2000], "22 November 2026 is a Sunday"
     assert words(memory, 136, 137) == [(datetime(2026, 11, 22) - datetime(1984, 1, 1)).days, 0]
+    low, high = words(memory, 138, 139)
+    assert high << 16 | low == ((16 * 60 + 59) * 60 + 58) * 1000, "milliseconds of the day"
     assert words(memory, 0) == [1], "RUN"
     system.update(SECOND // 2 - 1)
     assert words(memory, 55) == [0x5859]
@@ -89,7 +91,7 @@ def test_run_and_devices_show_the_time_to_whoever_reads(tmp_path: Path) -> None:
     ("parts", "problem"),
     [
         ("[minute, sekond]", "sekond"),
-        ("[minute, days]", "the number of days takes a whole word"),
+        ("[minute, days]", "'days' takes a whole word"),
         ("[minute, hour, day]", "a word has two bytes"),
     ],
 )

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from transfer_world import TransferWorld
 
+import framekit
 from framekit.link.services.client import TransferResult
 from framekit.runfile.devices import load_devices
 from framekit.service.device import DeviceStore
@@ -141,6 +142,61 @@ state:
   blocks: {initial: [{name: SUB1}, {name: SUB2}]}
 memory: {sizes: {SUB1.L1: 100, SUB2.L1: 50}, set: {SUB1.L9: 5, SUB2.%L9: 6}}
 """
+
+
+def datagrams_of_two_ports(keep: bool) -> tuple[list[int], list[int | None]]:
+    """Return the numbers of datagrams that two ports of a processor establish at once, and the codes of their updates.
+
+    First both are updated, then that of port 0 from port 1, then both after port 1 has cancelled all its own.
+    """
+    params = {"use_break": False}
+    with framekit.serve(
+        "snp", "tcp-listen://127.0.0.1:0", station=STATION, params=params | {"keep_datagrams": keep}
+    ) as server, framekit.connect("snp", server.port, station=STATION, params=params) as first, framekit.connect(
+        "snp", server.port, station=STATION, params=params
+    ) as second:  # fmt: skip
+        numbers = [client.call("establish", {"area_size": 30})["id"]["id"] for client in (first, second)]
+
+        def code(client: framekit.Client, number: int) -> int | None:
+            try:
+                client.call("update_datagram", {"id": number})
+            except framekit.RefusedError as error:
+                return error.code
+            return None
+
+        codes = [code(first, numbers[0]), code(second, numbers[1]), code(second, numbers[0])]
+        second.call("cancel_datagram", {"id": 255})
+        return numbers, [*codes, code(first, numbers[0]), code(second, numbers[1])]
+
+
+def test_ports_of_a_processor_have_normal_datagrams_of_their_own() -> None:
+    numbers, codes = datagrams_of_two_ports(keep=False)
+    assert len(set(numbers)) == 2
+    assert codes == [None, None, 0x05DD, None, 0x05DD]
+
+
+def test_a_cmm311_keeps_datagrams_and_cancels_those_of_both_ports() -> None:
+    _, codes = datagrams_of_two_ports(keep=True)
+    assert codes == [None, None, None, 0x05DD, 0x05DD]
+    slave = Slave(keep_datagrams=True)
+    number = slave.ok("establish", area_size=30)["id"]["id"]
+    slave.ok("establish", type=0x81, area_size=30)
+    slave.ok("realtime_datagram", id=number + 1)  # ends the session
+    slave.ok("update_datagram", id=number)
+
+
+def test_a_datagram_reads_the_l_of_its_program_block(tmp_path: Path) -> None:
+    (tmp_path / "large.device.yaml").write_text(BLOCKS, encoding="utf-8")
+    params = {"family": "90-70", "privilege": 2}
+    with framekit.connect("snp", f"sim:{tmp_path / 'large.device.yaml'}", station=STATION, params=params) as client:
+        number = client.call("establish", {"area_size": 40})["id"]["id"]
+        points = [point(0x00, 8, 1), point(0x08, 0, 1)]
+        with pytest.raises(framekit.RefusedError, match="0x05D5: block name in datagram invalid"):
+            client.call("define_datagram", {"id": number, "points": points, "program_block": "SUB3"})
+        for block, word in (("SUB1", 5), ("SUB2", 6)):
+            client.call("define_datagram", {"id": number, "points": points, "program_block": block})
+            values = client.call("update_datagram", {"id": number})["values"]["values"]
+            assert values == bytes((word, 0, 0, 0))
 
 
 def test_program_blocks_have_l_of_their_own(tmp_path: Path) -> None:
