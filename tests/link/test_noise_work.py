@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from shipped import PROTOCOLS
-from spread import many, spread
+from spread import spread
 
 from benchmarks import noise as bench
 from framekit.codec.codec import compile_protocol
@@ -115,8 +115,6 @@ def test_frames_that_silence_ends_hold_nothing_up_for_longer_than_their_greatest
 
 PARTS = 4
 """The worst bytes are tried in so many tests."""
-SHARE = many(3, 1)
-"""In small pieces one in so many of the worst bytes is tried."""
 WORST, WORST_IN_SMALL_PIECES = 36, 46
 """Calls for each byte of the worst bytes that `benchmarks/noise.py` has found; all but these need 27 and 41 at most."""
 WORST_OF, SMALL_OF = {"nmea0183": 46}, {"nmea0183": 64, "mewtocol": 50}
@@ -160,7 +158,7 @@ def test_small_pieces_with_pauses_take_few_calls(part: int) -> None:
     names = [name for name in NAMES if compiled(name)[0].receiver.resync in GOES_ON]
     assert len(names) > 3
     for name in names:
-        for role, data in product(roles_of(name), [Random(1).randbytes(1500), *worst(name)][part :: PARTS * SHARE]):
+        for role, data in product(roles_of(name), [Random(1).randbytes(1500), *worst(name)][part::PARTS]):
             calls(name, role, cut(data[:300], 64))  # what is prepared once for all receivers is no work for a byte
             count, hearing = calls(name, role, cut(data[:1500], 64), pause=2_000_000)
             if hearing.counters.received * 200 < 1500:
