@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from framekit.sinks.opcua_server import PointServer
 
 log = logging.getLogger(__name__)
+logging.getLogger("asyncua").addHandler(logging.NullHandler())  # its tracebacks are not for the terminal
 
 LONGEST = 30
 """Time limit (s) for the server to start, to take values and to end."""

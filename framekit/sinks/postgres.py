@@ -6,6 +6,7 @@ connection create no duplicates.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -22,6 +23,8 @@ from framekit.sinks.store import NetworkSink
 
 if TYPE_CHECKING:
     import psycopg
+
+logging.getLogger("psycopg").addHandler(logging.NullHandler())  # its errors are troubles of the run
 
 MOST_ROWS = 5_000
 """Largest number of rows in a batch, unless one sample has more."""

@@ -8,6 +8,8 @@ from __future__ import annotations
 import errno
 import os
 import socket
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -135,6 +137,17 @@ def test_a_port_that_another_program_has(
     assert "address already in use" in lines[0].lower()
     lost = "4 samples were lost (temperature 4, state 4)"
     assert lines[-1].endswith(lost if word == "opcua" else "2 samples were lost (temperature 1, state 1)")
+
+
+def test_a_library_prints_no_traceback(tmp_path: Path, closed_port: int) -> None:
+    """Without a handler for the log of a library, Python prints its errors on standard error."""
+    pytest.importorskip("asyncua")
+    run = run_file(tmp_path, f"{{opcua: {closed_port}}}")
+    command = [sys.executable, "-m", "framekit", "run", run, "--virtual", "--for", "2s", "--quiet"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 1 and "address already in use" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert all(line.startswith("sink opcua ") for line in done.stderr.splitlines()), done.stderr
 
 
 @pytest.mark.usefixtures("small_heap")
