@@ -537,7 +537,8 @@ class AddressGrammar:
             if len(texts) == before:
                 break
         served = [area for area in self.areas if any(area in samples for samples in found)] or list(self.areas)
-        shown = ", ".join([*texts.values()][:MOST_EXAMPLES] or [form.form.text for form in self._forms[:MOST_EXAMPLES]])
+        examples = dict.fromkeys(texts.values())  # areas may share an address
+        shown = ", ".join([*examples][:MOST_EXAMPLES] or [form.form.text for form in self._forms[:MOST_EXAMPLES]])
         return f"write it like {shown}; areas: {', '.join(served[:MOST_AREAS])}" + (", …" * (len(served) > MOST_AREAS))
 
     def _samples(self, form: FormMatcher) -> dict[str, str]:

@@ -2,21 +2,50 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from framekit.definition.times import LineSettings
-from framekit.run.block_state import BlockState
+from framekit.run.block_state import BlockState, BlockStatus
+from framekit.run.edit import Removed
+from framekit.run.model import RunModel
 from framekit.run.status import USER_DEFINED, ChannelStatus, RunStatus, StationStatus
-from framekit.service.channel import ChannelService
+from framekit.run.trouble import Troubles
+from framekit.service.channel import ChannelService, Exchanges
+from framekit.service.run_jobs import RunJobs
+from framekit.service.sinks import SinkService
+from framekit.transport.clock import Clock
 from framekit.transport.schemes import without_files
 
-if TYPE_CHECKING:
-    from framekit.service.run import RunService
+
+class RunAtWork(Protocol):
+    """The parts of a run that its status is made of; `framekit.service.run.RunService` has them."""
+
+    running: bool
+
+    @property
+    def run(self) -> RunModel: ...
+    @property
+    def clock(self) -> Clock: ...
+    @property
+    def channels(self) -> Mapping[int, ChannelService]: ...
+    @property
+    def states(self) -> Mapping[int, BlockState]: ...
+    @property
+    def exchanges(self) -> Exchanges: ...
+    @property
+    def jobs(self) -> RunJobs | None: ...
+    @property
+    def removed(self) -> Removed: ...
+    @property
+    def sinks(self) -> SinkService: ...
+    @property
+    def troubles(self) -> Troubles: ...
+    def status(self) -> Sequence[BlockStatus]: ...
 
 
-def run_status(service: RunService) -> RunStatus:
+def run_status(service: RunAtWork) -> RunStatus:
     """Return the state of a run and its channels and blocks."""
     now = service.clock.now()
     return RunStatus(
@@ -33,7 +62,7 @@ def run_status(service: RunService) -> RunStatus:
     )
 
 
-def _stations(service: RunService) -> Iterator[StationStatus]:
+def _stations(service: RunAtWork) -> Iterator[StationStatus]:
     """Yield the stations of blocks, by their present settings, in the order of the blocks."""
     found: dict[tuple[int, Hashable], list[BlockState]] = {}
     for state in service.states.values():
@@ -58,7 +87,7 @@ def _has_answered(state: BlockState) -> bool:
     return state.ended_well or (failure is not None and failure.outcome == "refused" and not state.dead)
 
 
-def _channel_status(service: RunService, at_work: ChannelService, now: int) -> ChannelStatus:
+def _channel_status(service: RunAtWork, at_work: ChannelService, now: int) -> ChannelStatus:
     channel, counters, load = at_work.channel, at_work.engine.counters, at_work.driver.load
     states = [state for state in service.states.values() if state.block.channel == channel.number]
     removed = service.removed.of(channel.number)

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 
 import pytest
+from shipped import EXAMPLES
 
+from framekit.cli.main import main
 from framekit.definition.load.protocol import load_protocol
 from framekit.extras.commreq.command_meaning import Meaning, meaning_of
 from framekit.link.conversation import default_line
@@ -96,3 +99,12 @@ def test_a_refusal_is_told_with_its_name() -> None:
     assert (found.refused, found.because) == (0x030C, "no SNP session")
     found = meaning("ccm", 6101, 10)
     assert (found.request, found.refused) == ("wrong_length", 2)
+
+
+def test_the_application_is_looked_for_beside_its_definition(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    vat = EXAMPLES / "language" / "vat.yaml"
+    assert main(["commreq", str(vat), "--explain", "CLEAR", "status=400", "there=3"]) == 0
+    assert "writes D3" in capsys.readouterr().out

@@ -94,7 +94,7 @@ class ProtocolLoader:
             server_refusals=resolve.plainly(refusals),
             services={name: tuple(resolve.service(row) for row in found) for name, found in rows.items()},
             commands=resolve.plainly(commands),
-            commands_file=self._text("commands"),
+            commands_file=self._commands_file(),
             probe=None if self._own("probe") is None else self._section(Probe, "probe"),
             warnings=(),
         )
@@ -164,6 +164,15 @@ class ProtocolLoader:
 
     def _text(self, key: str) -> str:
         return scalar_of(self.source.root.get(key)) or ""
+
+    def _commands_file(self) -> str:
+        """Return the name of the application of commands; its path if its file is in the folder of the definition."""
+        node = self.source.root.get("commands")
+        name = scalar_of(node) or ""
+        if node is None or Path(name).suffix not in (".yaml", ".yml"):
+            return name
+        file = Path(node.at.file).resolve().parent / name
+        return str(file) if file.is_file() else name
 
     def _each(self, section: str, load: Callable[[Entry], T]) -> dict[str, T]:
         found = {}
