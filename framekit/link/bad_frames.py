@@ -116,8 +116,23 @@ class BadFrames:
 
     def at_silence(self, infos: Iterable[FrameInfo], end_for: Callable[[FrameInfo], int]) -> Bad:
         """Return the bad frame that got furthest, of frames that silence ends."""
-        bad = [self.complete(info, end_for(info) - self._stream.position) for info in infos]
+        bad = [self._ended(info, end_for(info)) for info in infos]
         return furthest((bad,))
+
+    def _ended(self, info: FrameInfo, end: int) -> Bad:
+        """Return a frame that silence or a break ends at buffer index `end` as bad."""
+        start = self._stream.position
+        if not self.is_broken(info, end) or self._stream.fault_in(start, end) is not None:
+            return self.complete(info, end - start)
+        raw = bytes(self._stream.buffer[start:end])
+        return self._bad(info, raw, partial(_cut_off, len(raw), "a break"), False)
+
+    def is_broken(self, info: FrameInfo, end: int) -> bool:
+        """Return whether a break, a fault of the line, is the only end of a frame at buffer index `end`."""
+        stream, marks = self._stream, self.marks
+        if stream.broken_at != stream.base + end or info.is_checked:
+            return False
+        return marks is None or not marks.stops(info, end)
 
     def _lacks(self, info: FrameInfo, shortest: int | None, size: int) -> bool:
         """Return whether a frame of fixed size lacks a constant byte within the first `shortest` bytes."""
@@ -156,8 +171,8 @@ class BadFrames:
         if fault is None and wrong is not None:
             return self._wrongly_marked(info, raw, wrong)
         what = "a pause" if marks is None or marks.next(end) != end else "the first byte of another frame"
-        cause = "cut" if fault is None else fault.value
-        found = Fault(cause, place=len(raw), expected="more bytes", found=what, reach=len(raw))
+        what = "a break" if stream.broken_at == stream.base + end else what
+        found = _cut_off(len(raw), what, "cut" if fault is None else fault.value)
         return self._bad(info, raw, partial(self._broken_off, info, raw, found), False)
 
     def _broken_off(self, info: FrameInfo, raw: bytes, found: Fault) -> Fault:
@@ -209,6 +224,10 @@ class BadFrames:
 
 def _damaged(fault: LineFault) -> Fault:
     return Fault(fault.value, found="a damaged character")
+
+
+def _cut_off(size: int, what: str, cause: str = "cut") -> Fault:
+    return Fault(cause, place=size, expected="more bytes", found=what, reach=size)
 
 
 def _endless() -> Fault:

@@ -240,21 +240,24 @@ class Engine:
         return self._finish()
 
     def line_break(self, now: int) -> list[Command]:
-        """Note that the line was in break state. It ends a frame as silence does: if the frame is complete, it is good.
+        """Note that the line was in break state. It ends a frame: a frame that shows its own end is good.
 
-        A frame that it breaks off is shown and counted as bad; runs handle the break only.
+        A frame that it breaks off is shown and counted as bad; runs handle the break only. An exchange that begins
+        because the frame before the break was good does not handle it.
         """
         self.scope.now = self.output.last_received = now
+        runs = [(run, run.exchange) for run in self.machine.order if run.state is not DONE]
         if self.receiver.has_unread:
+            self.receiver.broke(now)
             self.is_busy = True
             try:
-                self._break_off()
+                self._settle_cut()
             finally:
                 self.is_busy = False
         self.reception.drop()
         self.machine.show("break", "in")
-        for run in self.machine.order:
-            if run.state is not DONE:
+        for run, exchange in runs:
+            if run.state is not DONE and run.exchange is exchange:
                 self.lanes.handle(run, "on_break", BREAK)
         return self._finish()
 
@@ -629,10 +632,8 @@ class Engine:
         finally:
             self.is_busy = False
 
-    def _break_off(self) -> None:
-        """End the frame at hand here: a complete frame is good, any other is only shown and counted as bad."""
-        self.receiver.cut()
-        self.receiver.tick(self.scope.now)
+    def _settle_cut(self) -> None:
+        """Settle with the end of the frame at hand: a frame that is not complete is only shown and counted as bad."""
         self.reception.cutting = True
         try:
             self._settle(self.ready)
@@ -680,7 +681,9 @@ class Engine:
         if run.state is RECEIVING and run.candidate is not None:
             run.deadline = NEVER
             run.cause = "a frame began and was not completed in time"
-            self._break_off()
+            self.receiver.cut()
+            self.receiver.tick(self.scope.now)
+            self._settle_cut()
             if run.state is not RECEIVING or run.wait_number != number:
                 return
         self.machine.time_up(run)

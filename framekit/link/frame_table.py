@@ -130,14 +130,16 @@ class FrameInfo:
     extents by a byte. `quick`: how a good frame is decoded quickly. `usual`: fields that replies repeat, and
     the names that give them where the frame does not. `optional`: fields that need not be given, and their defaults;
     `may_lack`: their names. `fixed_bytes`: bytes that it always has, with their offsets; `restricted`: those of them
-    that measuring does not read, up to where its tail may move; `is_fixed`: it has always the same size.
+    that measuring does not read, up to where its tail may move; `is_fixed`: it has always the same size;
+    `is_checked`: it always has a check code.
     """
 
     __slots__ = (
         "_diagnose", "announces", "carries", "computed", "count", "counted", "decode", "echo", "echo_fields",
         "echoes", "encode", "extent", "first", "fixed_bytes", "flat", "frame", "guesses", "has_lists", "inner",
-        "inners", "insert", "intact", "is_fixed", "known", "make", "may_lack", "measure", "most", "name", "numbers",
-        "on_line", "optional", "quick", "refuse", "restricted", "rests", "shape", "sizes", "usual", "value_names",
+        "inners", "insert", "intact", "is_checked", "is_fixed", "known", "make", "may_lack", "measure", "most", "name",
+        "numbers", "on_line", "optional", "quick", "refuse", "restricted", "rests", "shape", "sizes", "usual",
+        "value_names",
     )  # fmt: skip
 
     def __init__(self, frame: Frame, codec: FrameCodec) -> None:
@@ -152,6 +154,10 @@ class FrameInfo:
         self.fixed_bytes = tuple(fixed_bytes(frame.segments))
         self.restricted = tuple(restricted_bytes(frame, self.fixed_bytes))
         self.is_fixed = frame.size is None and all_fixed(frame.segments) is not None
+        self.is_checked = any(
+            isinstance(one, Check) and there and one.when is None and one.verify == "error"
+            for one, there in certain(frame.segments)
+        )
         self.shape = shape_of(frame.segments)
         self.flat = not self.shape
         self.has_lists = any(not isinstance(segment, SINGLE) for segment in frame.segments)

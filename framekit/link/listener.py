@@ -129,9 +129,11 @@ class Listener:
             self._flush(wires)
 
     def line_break(self, now: int, direction: Direction = "in") -> None:
-        """Handle a break state of the line: it ends frames as silence does."""
+        """Handle a break state of the line: it ends the frames, and those that show their own end are good."""
         self.scope.now = max(self.scope.now, now)
-        self._end_frames(now)
+        for wires in self._wires.values():
+            wires.receiver.broke(now)
+            self._take_last(wires)
         self._show("break", now, direction)
 
     def tick(self, now: int) -> None:
@@ -148,15 +150,15 @@ class Listener:
     def ended(self, now: int) -> None:
         """Handle the end of the input: report the remaining bytes."""
         self.tick(now)
-        self._end_frames(now)
-
-    def _end_frames(self, now: int) -> None:
-        """End all frames here, and report the remaining bytes."""
         for wires in self._wires.values():
             wires.receiver.cut()
             wires.receiver.tick(now)
-            self._take(wires)
-            self._flush(wires)
+            self._take_last(wires)
+
+    def _take_last(self, wires: _Wires) -> None:
+        """Report the frames that have ended, and then the remaining bytes."""
+        self._take(wires)
+        self._flush(wires)
 
     @property
     def deadline(self) -> int:

@@ -190,6 +190,18 @@ class Receiver:
         if not stream.pauses or stream.pauses[-1] != place:
             stream.mark(stream.pauses, place)
 
+    def broke(self, now: int) -> None:
+        """End an unfinished frame by a break at `now`.
+
+        The break is a fault of the line for a frame that only silence ends and that no check code proves complete,
+        unless the definition says that a break ends frames, or the silence was long enough.
+        """
+        has_ended = self.has_exact_times and self.pauses.is_quiet(now)
+        if not (has_ended or self._rules.break_ends):
+            self.stream.broken_at = self.stream.base + len(self.stream.buffer)
+        self.cut()
+        self.tick(now)
+
     def answered(self) -> None:
         """Note that this side has sent something: following bytes answer it, and need no silence before them."""
         if self._skipping:
@@ -657,7 +669,8 @@ class Receiver:
                 self.waiting = tuple([info.name for info in waiting])
                 return None
         for info in silent:
-            good = self._read(info, place, self._end_for(info, stop))
+            last = self._end_for(info, stop)
+            good = None if self._bad_frames.is_broken(info, last) else self._read(info, place, last)
             if good is not None:
                 return good
         size = self._end_for(silent[0], stop) - place if self._rules.resync == "after_frame" else 0

@@ -46,17 +46,19 @@ class Stream:
     `bytes` as long as it is short, so that it is not copied. `taken_out`: bytes removed after the position, so
     that offsets there do not count on evenly; `removed`: how many bytes have been before it. `is_marked`: there may be
     something in it, or a fault, silence or pause. `marks`: offsets of the bytes whose ninth bit is set.
+    `broken_at`: the offset where a break stands that is a fault of the line; -1 for none.
     """
 
     __slots__ = (
-        "base", "buffer", "ends", "faults", "is_marked", "last", "marks", "pauses", "position", "removed", "silences",
-        "taken_out", "times",
+        "base", "broken_at", "buffer", "ends", "faults", "is_marked", "last", "marks", "pauses", "position",
+        "removed", "silences", "taken_out", "times",
     )  # fmt: skip
 
     def __init__(self) -> None:
         self.buffer: bytes | bytearray = b""
         self.position = 0
         self.base = 0
+        self.broken_at = -1
         self.removed = 0
         self.taken_out: list[tuple[int, int]] = []
         self.last = 0
@@ -207,6 +209,7 @@ class Stream:
         self.marks = [
             place - count if place >= low + count else place for place in self.marks if not low <= place < low + count
         ]
+        self.broken_at = max(self.broken_at - count, low) if self.broken_at > low else self.broken_at
         self.silences = [max(place - count, low) if place > low else place for place in self.silences]
         self.pauses = [max(place - count, low) if place > low else place for place in self.pauses]
 

@@ -326,7 +326,7 @@ main:
 BREAKS = """
 protocol: breaks
 line: {speed: 250000, format: 8N2}
-receiver: {quiet: 1 ms}
+receiver: {quiet: 1 ms, break_ends: yes}
 state: {slots: {scope: device, type: u16}, bad: {scope: device, type: u16}, breaks: {scope: device, type: u16}}
 frames:
   dmx: {body: [{const: 00}, {data: d, size: rest}]}
@@ -342,15 +342,94 @@ roles: {lamp: {lanes: {main: {listen: hear}}}}
 """
 
 
-@pytest.mark.parametrize(("data", "counts", "slots"), [("00 11 22", (1, 0, 0), 2), ("CC 05 11", (0, 1, 0), 0)])
-def test_a_break_ends_a_frame_as_silence_does(data: str, counts: tuple[int, int, int], slots: int) -> None:
+@pytest.mark.parametrize("ends", [True, False])
+@pytest.mark.parametrize(
+    ("data", "counts", "slots"),
+    [("00 11 22", (1, 0, 0), 2), ("CC 05 11", (0, 1, 0), 0), ("CC 02 11 22 01", (1, 0, 0), 0)],
+)
+def test_a_break_ends_frames_where_the_definition_says_so(
+    data: str, counts: tuple[int, int, int], slots: int, ends: bool
+) -> None:
     """The frame is good or bad, never lost; the run handles the break after a good frame, and alone otherwise."""
-    side = Side(BREAKS, "lamp")
+    side = Side(BREAKS if ends else BREAKS.replace(", break_ends: yes", ""), "lamp")
+    if not ends and slots:
+        counts, slots = (0, 1, 0), 0
     side.gets(bytes.fromhex(data), whole=True)
     side.line_break()
     counters = side.engine.counters
     assert (counters.received, counters.bad, counters.noise_bytes) == counts
     assert [side.engine.scope.device[name] for name in ("slots", "bad", "breaks")] == [slots, 0, 1]
+
+
+INTERRUPTED = """
+protocol: interrupted
+line: {speed: 9600, format: 8N1}
+receiver: {quiet: 5 ms}
+frames:
+  ask: {from: client, body: [{const: 3F}]}
+  answer: {from: server, body: [{const: 3D}, {data: d, size: rest}]}
+sequences:
+  main:
+    gives: {d: it.d}
+    steps:
+      - step: one
+        send: {ask: {}}
+        receive: [{frame: answer, then: end}]
+        within: 1 s
+        on_timeout: {fail: no_reply}
+        on_break: {fail: interrupted}
+roles: {client: {lanes: {main: {exchange: main}}}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("body", "data", "outcome"),
+    [
+        ("{data: d, size: rest}", b"=12", "interrupted"),
+        ("{data: d, size: rest}, {check: sum8}", b"=12\xa0", "ok"),
+        ("{data: d, size: rest}, {check: sum8}", b"=12\xa1", "interrupted"),
+        ("{data: d, size: rest}, {check: sum8, verify: off}", b"=12\xa0", "interrupted"),
+        ("{data: d, size: rest}, {const: 0D}", b"=12\r", "ok"),
+        ("{data: d, size: rest}, {const: 0D}", b"=12", "interrupted"),
+        ("{data: d, size: 2}", b"=12", "ok"),
+        ("{data: d, size: 2}", b"=1", "interrupted"),
+    ],
+)
+def test_a_reply_that_a_break_cuts_off_is_no_good_reply(body: str, data: bytes, outcome: str) -> None:
+    """Where silence is the only end of a frame, a break is a fault of the line and shows no end."""
+    side = Side(INTERRUPTED.replace("{data: d, size: rest}", body), "client")
+    side.ask()
+    side.run(10 * MS)
+    side.gets(data, whole=True)
+    side.line_break()
+    assert [one.outcome or "ok" for one in side.outcomes] == [outcome]
+    assert side.engine.counters.bad == (outcome != "ok")
+    if outcome != "ok" and data[-1] != 0xA1:
+        assert (side.reasons("bad"), side.engine.counters.noise_bytes) == (["cut"], 0)
+
+
+def test_a_reply_that_silence_has_ended_before_the_break_is_good() -> None:
+    side = Side(INTERRUPTED, "client")
+    side.ask()
+    side.run(10 * MS)
+    side.gets(b"=12", whole=True)
+    side.now += 6 * MS  # the process is late: no `tick` has come
+    side.line_break()
+    assert [one.ok for one in side.outcomes] == [True]
+
+
+@pytest.mark.parametrize("repeats", [1, 2])
+def test_a_break_fails_no_exchange_that_begins_after_it(repeats: int) -> None:
+    side = Side(INTERRUPTED.replace("receiver: {quiet: 5 ms}", "receiver: {quiet: 5 ms, break_ends: yes}"), "client")
+    for _ in range(1 + repeats):
+        side.ask()
+    side.run(10 * MS)
+    side.gets(b"=12", whole=True)
+    side.line_break()
+    assert [one.ok for one in side.outcomes] == [True]
+    side.run(10 * MS)
+    side.line_break()
+    assert [one.outcome for one in side.outcomes] == ["", "interrupted"]
 
 
 # ---- handlers ----------------------------------------------------------------------------------------------

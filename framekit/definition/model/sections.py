@@ -176,6 +176,8 @@ class Receiver:
     resync: Literal["next_start", "after_frame", "after_quiet", "never"] = key(
         "resync", TEXT._replace(schema=words("a way to go on", *_WAYS_ON)), default="next_start"
     )
+    break_ends: bool = key("break_ends", FLAG, default=False)
+    """Whether a break ends a frame as silence does; else it damages a frame that only silence would end."""
 
 
 # ---- the station --------------------------------------------------------------------------------------------
