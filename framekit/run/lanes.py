@@ -246,9 +246,32 @@ class BlockLane:
         return now >= ready
 
     def _next(self, now: int) -> Taken | None:
-        waiting, last = self.waiting, self._last
-        while waiting:
-            entry = heapq.heappop(waiting) if self._slow is None else self._pop_other(self._slow)
+        """Return the next block of a station that answers.
+
+        Blocks of other stations than a slow station that came due before its exchange ended go first. All waiting
+        blocks are looked at once, however many of them are parked or delayed.
+        """
+        if self._slow is not None:
+            slow, end = self._slow
+            first: list[Entry] = []
+            later: list[Entry] = []
+            for entry in self.waiting:
+                (first if entry[0] <= end and self.station_of(entry[3]) != slow else later).append(entry)
+            heapq.heapify(first)
+            taken = self._first_of(first, now)
+            is_over = taken is None and not first
+            self.waiting = first + later
+            heapq.heapify(self.waiting)
+            if not is_over:
+                return taken
+            self._slow = None
+        return self._first_of(self.waiting, now)
+
+    def _first_of(self, entries: list[Entry], now: int) -> Taken | None:
+        """Take the first block of a heap that may start; park or delay the blocks before it."""
+        last = self._last
+        while entries:
+            entry = heapq.heappop(entries)
             state = entry[3]
             station = self.station_of(state) if state.has_station else None
             failing = self.failing.get(station)
@@ -258,7 +281,7 @@ class BlockLane:
             if self._is_delayed(entry, station, now):
                 continue
             if last is not None and station != last[0] and not self._silent_for(station, now):
-                heapq.heappush(waiting, entry)
+                heapq.heappush(entries, entry)
                 return None
             return state, station
         return None
@@ -292,21 +315,6 @@ class BlockLane:
                     heapq.heappush(self.waiting, entry)
             if is_free:
                 del self.delays[station]
-
-    def _pop_other(self, slow: tuple[Hashable, int]) -> Entry:
-        """Take the first block of other stations than a slow station that came due before its exchange ended.
-
-        If none is left, take the first of all blocks.
-        """
-        station, end = slow
-        others = (entry for entry in self.waiting if entry[0] <= end and self.station_of(entry[3]) != station)
-        entry = min(others, default=None)
-        if entry is None:
-            self._slow = None
-            return heapq.heappop(self.waiting)
-        self.waiting.remove(entry)
-        heapq.heapify(self.waiting)
-        return entry
 
     def companions(self, wanted: Callable[[list[BlockState]], list[BlockState]]) -> list[BlockState]:
         """Take the waiting blocks that `wanted` picks for the exchange of the block just taken; return them."""

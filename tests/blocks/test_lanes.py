@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Hashable
 from itertools import pairwise
 
@@ -305,3 +306,35 @@ def test_delayed_blocks_are_cleared_and_redirected() -> None:
     bench.scheduler.look_at(1)
     bench.run_until(45)
     assert [number for _, number in bench.starts] == [0, 2]
+
+
+def calls_after_a_slow_exchange(count: int, is_held: bool) -> int:
+    """Calls while all blocks of a station that share a channel with a slow station are parked or delayed at once."""
+    others = [block(number, 1_000_000, station=2) for number in range(2, count)]
+    dead = None if is_held else DeadRule(failures=9, after=1000 * MS)
+    bench = Bench(block(0, 1_000_000, station=2), block(1, 10), *others, dead=dead)
+    bench.durations[1] = 200 * MS
+    bench.outcomes[2] = "no_reply"
+    if is_held:
+        bench.held[2] = 1 << 60, True
+    calls = 0
+
+    def counted(frame: object, event: str, argument: object) -> None:
+        nonlocal calls
+        calls += event in ("call", "c_call")
+
+    sys.setprofile(counted)
+    try:
+        bench.run_until(300)
+    finally:
+        sys.setprofile(None)
+    lane = bench.scheduler.lanes[1]
+    away = lane.delays[2].entries if is_held else lane.failing[2].parked
+    assert (bench.starts, len(away)) == ([(0, 0), (10, 1), (210, 1)], count - 2)
+    return calls
+
+
+@pytest.mark.parametrize("is_held", [True, False])
+def test_blocks_that_are_parked_or_delayed_beside_a_slow_station_take_work_once(is_held: bool) -> None:
+    few, many = (calls_after_a_slow_exchange(count, is_held) for count in (100, 400))
+    assert many < 4 * 1.3 * few
