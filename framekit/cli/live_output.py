@@ -90,7 +90,7 @@ class QueuedStream:
         self._loss_line, self._on_gone = loss_line, on_gone
         self._encoded, self._write = _functions_of(stream)
         self._encoding: str = getattr(unguarded(stream), "encoding", None) or "utf-8"
-        self._queue = WriteQueue(self._write_lines, None, f"writes {name}")
+        self._queue = WriteQueue(self._write_lines, None, f"writes {name}", self._has_ended)
         self._begun: dict[int, io.StringIO] = {}
         """The begin of an unfinished line, by the thread that writes it."""
         self._waiting_lines = 0
@@ -269,6 +269,13 @@ class QueuedStream:
             source.begins(reason)
         self._queue.pause(RETRY)
         return True
+
+    def _has_ended(self, error: BaseException, number: int) -> None:
+        """Count what waits as unwritten: an unexpected error has ended the thread."""
+        with self._queue.change:
+            self.error = error_text(error)
+            self.unwritten += max(1, self._waiting_lines)  # an unfinished line counts
+            self._waiting_lines = 0
 
     def _has_gone(self) -> None:
         """Discard everything, and report that the reader has gone."""

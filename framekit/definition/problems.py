@@ -132,7 +132,8 @@ def error_text(error: BaseException) -> str:
 
     An error without a text has the cause of the error that it followed, or a sentence for its kind.
     """
-    text = " ".join(((error.strerror if isinstance(error, OSError) else "") or str(error)).split())
+    of_system = error.strerror if isinstance(error, OSError) else ""  # libraries put anything there
+    text = " ".join(((of_system if isinstance(of_system, str) else "") or str(error)).split())
     if text:
         return f"{type(error).__name__}: {text}" if isinstance(error, _NAMED) else text
     earlier = error.__cause__ or (None if error.__suppress_context__ else error.__context__)

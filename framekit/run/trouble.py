@@ -289,18 +289,24 @@ class TroubleSource:
 class _Joined:
     """Reports of one event that were not passed on."""
 
+    first: TroubleReport
     number: int = 0
     names: list[str] = field(default_factory=list)
     reasons: Counter[str] = field(default_factory=Counter)
 
-    def add(self, trouble: Trouble) -> None:
+    def add(self, report: TroubleReport) -> None:
         self.number += 1
+        trouble = report.trouble
         if len(self.names) < MOST_NAMED:
             self.names.append(trouble.name)
-        if trouble.reason:
+        if report.event in ("loses", "note"):  # their reason is not that of a trouble that lasts
+            self.reasons[report.text.removeprefix(f"{trouble.name}: ")] += 1
+        elif trouble.reason:
             self.reasons[_cause(trouble)] += 1
 
     def report(self, event: Event, now: int) -> TroubleReport:
+        if self.number == 1:
+            return self.first
         reason = most_frequent(self.reasons, MOST_REASONS)
         names = ", ".join([*self.names, *(["…"] if self.number > len(self.names) else ())])
         text = f"{self.number} more {MORE[event]}: {' – '.join(filter(None, (reason, names)))}"
@@ -370,7 +376,7 @@ class Troubles:
             now = self.now()
             if self._joined or (len(self._passed) == AT_ONCE and now - self._passed[0] < CROWDED):
                 self._joined_since = self._joined_since if self._joined else now
-                self._joined.setdefault(report.event, _Joined()).add(report.trouble)
+                self._joined.setdefault(report.event, _Joined(report)).add(report)
             else:
                 self._passed.append(now)
                 self._pending.append(report)

@@ -75,7 +75,7 @@ class WriteQueue:
         return self.most is not None and self.waiting >= self.most
 
     def discard(self) -> None:
-        """Drop everything that waits; what is being written does not wait any more."""
+        """Drop the waiting records; those of the present write do not count as waiting any more."""
         with self.change:
             self._records.clear()
             self.waiting = self._in_write = 0

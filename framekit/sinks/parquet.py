@@ -27,6 +27,8 @@ from framekit.sinks.opened_file import CUT
 ROWS = ".rows"
 """End of the name of a file of rows that becomes a Parquet file; the rest is the name of that file."""
 
+UNCONVERTIBLE = (ValueError, TypeError, LookupError, ArithmeticError, RecursionError)
+"""Errors for rows that another program has changed, of the reader of JSON and of pyarrow: too large, too deep."""
 CELLS_AT_ONCE = 500_000
 """Largest number of values in memory while a file is made."""
 
@@ -125,8 +127,8 @@ class ParquetSink(LinesFile):
         if not target.exists():
             try:
                 self._convert(rows, target)
-            except (ValueError, TypeError, LookupError) as error:
-                aside = rows.with_suffix(".damaged")
+            except UNCONVERTIBLE as error:
+                aside = _unused(rows.with_suffix(".damaged"))
                 rows.rename(aside)
                 self._lose(f"the rows in {aside} cannot be converted: {error_text(error)}")
                 return aside
@@ -146,7 +148,7 @@ class ParquetSink(LinesFile):
 
     def leave(self, change: str) -> None:
         """Count the rows that another program has cut off, and convert those of a moved or deleted file, which is still
-        open: they exist nowhere else.
+        open.
         """
         try:
             if self._file is not None:
@@ -155,7 +157,7 @@ class ParquetSink(LinesFile):
                     os.lseek(self._file, 0, os.SEEK_SET)
                     self._convert(self._file, name_with(self.finished, stamp_of(self._began)))
                     self._forget_rows()
-        except (OSError, ValueError, TypeError, LookupError) as error:
+        except (OSError, *UNCONVERTIBLE) as error:
             self._lose(f"its rows cannot be converted: {error_text(error)}")
         finally:
             super().leave(change)
@@ -199,6 +201,15 @@ class ParquetSink(LinesFile):
             raise OSError(error.errno, f"the last rows wait for the next run: {error_text(error)}") from error
         finally:
             super().close()
+
+
+def _unused(path: Path) -> Path:
+    """Return the path, or one with a number if it exists."""
+    found, number = path, 1
+    while os.path.lexists(found):
+        number += 1
+        found = path.with_name(f"{path.name}.{number}")
+    return found
 
 
 def write_parquet(lines: Path | int, target: Path) -> None:

@@ -458,6 +458,7 @@ def test_an_error_of_the_writer_thread_does_not_stop_the_end(
     stream.write("one\n")
     stream.close()
     assert errors == [ValueError] and not stream.gone
+    assert (stream.unwritten, stream.error) == (1, "of another kind")
 
 
 def test_a_terminal_is_guarded_and_has_both_streams_in_order(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -46,7 +46,8 @@ def _following(error: Exception, earlier: Exception) -> Exception:
      (_following(RuntimeError(), OSError(5, "Input/output error")), "Input/output error"),
      (_following(RuntimeError(" "), RuntimeError()), "an error of the kind RuntimeError, without a text"),
      (OSError("refused\n\tIs it on?\n"), "refused Is it on?"), (ValueError("no number"), "no number"),
-     (MemoryError(), "not enough memory")],
+     (MemoryError(), "not enough memory"), (OSError(5, ConnectionError("it is gone")), "[Errno 5] it is gone"),
+     (OSError(2, b"away"), "[Errno 2] b'away'")],
 )  # fmt: skip
 def test_the_text_of_an_error_is_never_empty(error: Exception, text: str) -> None:
     assert error_text(error) == text

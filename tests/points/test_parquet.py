@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import replace
 from decimal import Decimal
@@ -73,6 +74,18 @@ def test_what_a_killed_program_has_left_goes_on(tmp_path: Path) -> None:
     taken(sink_of(path), [sample(START + 1_000_000, {"count": 2})], POINTS)
     assert names(tmp_path) == ["oven.20260301T120000.parquet"]
     assert [row[3] for row in rows_of(tmp_path / names(tmp_path)[0])] == [1, 2]
+
+
+@pytest.mark.parametrize("value", ["9" * 30, "[" * 100_000, '"x"'], ids=["large", "deep", "text"])
+def test_rows_that_cannot_be_converted_are_put_aside_and_block_nothing(tmp_path: Path, value: str) -> None:
+    rows = tmp_path / "oven.20260301T120000.parquet.rows"
+    for stamp in ("first", "second"):
+        head = json.dumps({"columns": [["count", "int64", ""]]})
+        rows.write_text(f'{head}\n["{stamp}", {{"count": {value}}}]\n', "utf-8")
+        taken(sink_of(tmp_path / "oven.parquet"), [], POINTS)
+    aside = [tmp_path / f"{rows.stem}.damaged{number}" for number in ("", ".2")]
+    assert [path.read_text("utf-8").splitlines()[1].split(",")[0] for path in aside] == ['["first"', '["second"']
+    assert not rows.exists()
 
 
 def test_other_points_begin_another_file_and_old_ones_go(tmp_path: Path) -> None:

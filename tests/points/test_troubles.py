@@ -155,6 +155,25 @@ def test_many_troubles_at_once_are_joined() -> None:
     assert len(reports) == AT_ONCE + 3 and reports[-1][1].startswith("sink csv 7.csv: works again"), "one at a time"
 
 
+def test_joined_losses_keep_their_reasons_and_a_single_report_is_passed_on_unchanged() -> None:
+    time = 0
+    reports: list[str] = []
+    troubles = Troubles(lambda: time)
+    troubles.listen(lambda report: reports.append(report.text))
+    sources = [troubles.source(f"sink {number}") for number in range(AT_ONCE)]
+    for source in sources:
+        source.begins("no space left")
+    sources[0].loses("the oldest samples are dropped")
+    sources[1].loses("a sample is refused")
+    troubles.note("channel 1", "its port has another name")
+    time += 10 * SECOND
+    troubles.flush()
+    assert reports[AT_ONCE:] == [
+        "2 more lose data: the oldest samples are dropped; a sample is refused – sink 0, sink 1",
+        "channel 1: its port has another name",
+    ]
+
+
 @pytest.mark.usefixtures("small_heap")
 def test_many_sinks_in_trouble_have_a_bounded_output(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
