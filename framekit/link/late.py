@@ -357,12 +357,12 @@ class LateReplies:
         """Return the open request that a frame answers which no row takes, or None.
 
         Without one the frame is a sign of unknown requests, and holds the line; not if `is_awaited`: such frames come
-        by themselves too, so only a hold makes one of them a late reply. A frame that noise can look like is no sign
-        of anything if noise came since the request: the request stays open.
+        by themselves too, so only a hold makes one of them a late reply, and a number never does. A frame that noise
+        can look like is no sign of anything if noise came since the request: the request stays open.
         """
         now = self._scope.now
         if self.numbered.is_watching and (found := self.numbered.came(value, self.expected.limits, now)) is not None:
-            return found
+            return None if is_awaited else found
         if value.frame not in self.expected.frames and not any(value.frame in one.frames for one in self.open):
             return None
         self.expire()

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from link.link_world import Side
 from service.late_world import MS, SECOND, LateWorld
 
 from framekit.cli.main import main
@@ -173,3 +174,41 @@ def test_the_run_reports_it_everywhere(tmp_path: Path, capsys: pytest.CaptureFix
     printed = capsys.readouterr()
     assert printed.err.startswith(f"channel 1: {shown}\n")
     assert "channel 1: station 1 answers in time again after " in printed.err
+
+
+COUNTED = """
+protocol: counted_events
+line: {speed: 9600, format: 8N1}
+receiver: {quiet: 5 ms}
+state: {number: {scope: line, type: u8}}
+frames:
+  ask: {from: client, body: [{const: 3F}, {field: n, type: u8}]}
+  answer: {from: server, echo: [n], body: [{const: 3D}, {field: n, type: u8}, {field: v, type: u8}]}
+sequences:
+  main:
+    gives: {v: it.v}
+    steps:
+      - step: one
+        set: {number: number + 1}
+        send: {ask: {n: number}}
+        receive: [{frame: answer, then: end}]
+        within: 1 s
+        on_timeout: {fail: no_reply}
+roles: {client: {lanes: {main: {exchange: main}}}}
+"""
+
+
+@pytest.mark.parametrize("is_awaited", [True, False])
+def test_an_awaited_frame_with_the_number_of_an_overdue_request_is_handed_over(is_awaited: bool) -> None:
+    """It may come by itself. Without a RECEIVE block it is the late reply."""
+    side = Side(COUNTED, "client")
+    side.engine.reception.await_frames(["answer"] if is_awaited else [])
+    side.ask()
+    side.run(2 * SECOND)
+    assert side.outcomes[0].outcome == "no_reply"
+    side.gets(bytes([0x3D, 1, 7]), whole=True)
+    assert [value.fields["v"] for value in side.arrived] == [7] * is_awaited
+    assert side.engine.counters.late == (not is_awaited)
+    assert side.engine.late.slow.number == 1
+    side.gets(bytes([0x3D, 1, 8]), whole=True)
+    assert [value.fields["v"] for value in side.arrived] == ([7, 8] if is_awaited else [8])
