@@ -130,6 +130,8 @@ class BlockLane:
         """Stations whose blocks are delayed."""
         self.delayed: list[tuple[BlockState, int]] = []
         """Blocks that have been delayed since the last report, each with the time of its turn at the latest (ns)."""
+        self._away: dict[int, Hashable] = {}
+        """Ids of blocks that were parked or delayed, each with the station for which that was done last."""
         self.changed: list[tuple[Hashable, bool]] = []
         """Stations that have died (True) or come back (False)."""
 
@@ -140,7 +142,10 @@ class BlockLane:
     # ---- waiting ------------------------------------------------------------------------------------------
 
     def look_again(self, state: BlockState) -> None:
-        """Put a parked block back among the waiting blocks, because its station may have changed."""
+        """Put a parked or delayed block back among the waiting blocks if its station has changed."""
+        if state.id not in self._away or self._away[state.id] == self.station_of(state):
+            return
+        del self._away[state.id]
         for failing in self.failing.values():
             found = [entry for entry in failing.parked if entry[3] is state]
             for entry in found:
@@ -158,7 +163,9 @@ class BlockLane:
         for entries in (self.waiting, *parked, *(delay.entries for delay in self.delays.values())):
             kept = [entry for entry in entries if not which(entry[3])]
             for *_, state in entries:
-                state.waiting = state.waiting and not which(state)
+                if which(state):
+                    state.waiting = False
+                    self._away.pop(state.id, None)
             entries[:] = kept
             heapq.heapify(entries)
 
@@ -277,6 +284,7 @@ class BlockLane:
             failing = self.failing.get(station)
             if failing is not None and failing.ask_at is not None:
                 heapq.heappush(failing.parked, entry)
+                self._away[state.id] = station
                 continue
             if self._is_delayed(entry, station, now):
                 continue
@@ -302,6 +310,7 @@ class BlockLane:
         if delay.until <= now:
             return False
         delay.entries.append(entry)
+        self._away[entry[3].id] = station
         self.delayed.append((entry[3], delay.until))
         return True
 

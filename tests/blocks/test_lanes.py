@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Hashable
 from itertools import pairwise
+from types import FrameType
 
 import pytest
 
@@ -278,7 +279,7 @@ def test_blocks_of_a_station_that_waits_for_late_replies_are_delayed_and_the_oth
     bench.held[2] = 1000 * MS, True
     bench.run_until(500)
     assert [number for _, number in bench.starts] == [0] * 6
-    assert set(bench.delayed) == {(1, 1000), (2, 1000)}
+    assert bench.delayed == [(1, 1000), (2, 1000)], "also when they come due again"
     bench.held[2] = 0, False
     bench.scheduler.look_at(1)
     bench.run_until(560)
@@ -337,4 +338,32 @@ def calls_after_a_slow_exchange(count: int, is_held: bool) -> int:
 @pytest.mark.parametrize("is_held", [True, False])
 def test_blocks_that_are_parked_or_delayed_beside_a_slow_station_take_work_once(is_held: bool) -> None:
     few, many = (calls_after_a_slow_exchange(count, is_held) for count in (100, 400))
+    assert many < 4 * 1.3 * few
+
+
+def work_of_blocks_that_come_due_again(count: int) -> int:
+    """Byte codes of one more period, while all blocks of a station are delayed."""
+    bench = Bench(block(0, 10), *(block(number, 50, station=2) for number in range(1, count)))
+    bench.held[2] = 1 << 60, True
+    bench.run_until(60)
+    assert len(bench.scheduler.lanes[1].delays[2].entries) == count - 1
+    done = 0
+
+    def counted(frame: FrameType, event: str, argument: object) -> object:
+        nonlocal done
+        frame.f_trace_opcodes, frame.f_trace_lines = True, False
+        done += event == "opcode"
+        return counted
+
+    sys.settrace(counted)
+    try:
+        bench.run_until(110)
+    finally:
+        sys.settrace(None)
+    assert all(bench.scheduler.states[number].overruns >= 2 for number in range(1, count))
+    return done
+
+
+def test_delayed_blocks_that_come_due_again_take_work_for_themselves_only() -> None:
+    few, many = (work_of_blocks_that_come_due_again(count) for count in (50, 200))
     assert many < 4 * 1.3 * few
