@@ -11,6 +11,7 @@ import logging
 import os
 from contextlib import suppress
 from pathlib import Path
+from typing import BinaryIO
 
 from framekit.sinks.base import open_alone
 
@@ -107,14 +108,30 @@ def replace_whole(path: Path, content: bytes, like: Path | None = None) -> None:
     Raises OSError.
     """
     part = _part_of(path)
-    with part.open("wb") as stream:
-        if like is not None:
-            os.chmod(part, like.stat().st_mode & MODE)
-        stream.write(content)
-        stream.flush()
-        os.fsync(stream.fileno())
+    _write(part.open("wb"), part, content, like)
     os.replace(part, path)
     _sync_folder(path.parent)
+
+
+def make_whole(path: Path, content: bytes) -> None:
+    """Make a file with this content. Raises FileExistsError; OSError for a failure, after which the file is absent."""
+    _write(path.open("xb"), path, content, None)
+    _sync_folder(path.parent)
+
+
+def _write(opened: BinaryIO, path: Path, content: bytes, like: Path | None) -> None:
+    """Write the content of an open, empty file to the disk. Raises OSError, and removes the file then."""
+    try:
+        with opened as stream:
+            if like is not None:
+                os.chmod(path, like.stat().st_mode & MODE)
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+    except OSError:
+        with suppress(OSError):
+            path.unlink()
+        raise
 
 
 def _sync_folder(path: Path) -> None:

@@ -155,7 +155,7 @@ class StationStatus:
     dead: bool
     """Whether it is given up for now."""
     answers: bool
-    """Whether the last exchange of one of its blocks succeeded, or was refused by the station."""
+    """Whether it answered in the last exchange with it, also with a refusal."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

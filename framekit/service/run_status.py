@@ -15,6 +15,7 @@ from framekit.run.trouble import Troubles
 from framekit.service.channel import ChannelService, Exchanges
 from framekit.service.run_jobs import RunJobs
 from framekit.service.sinks import SinkService
+from framekit.service.value_troubles import ANSWERED, OF_BLOCK, is_refused
 from framekit.transport.clock import Clock
 from framekit.transport.schemes import without_files
 
@@ -70,21 +71,36 @@ def _stations(service: RunAtWork) -> Iterator[StationStatus]:
         if station is not None:
             found.setdefault((state.block.channel, station), []).append(state)
     for (channel, station), states in found.items():
+        is_dead = any(state.dead for state in states)
         yield StationStatus(
             channel=channel,
             station=station,
             blocks=len(states),
             done=sum(state.done for state in states),
             failed=sum(state.failed for state in states),
-            dead=any(state.dead for state in states),
-            answers=any(map(_has_answered, states)),
+            dead=is_dead,
+            answers=not is_dead and _answers(states),
         )
 
 
-def _has_answered(state: BlockState) -> bool:
-    """Return whether the station answered in the last exchange of a block."""
-    failure = state.last_failure
-    return state.ended_well or (failure is not None and failure.outcome == "refused" and not state.dead)
+UNRELATED = (OF_BLOCK | {"cancelled", "interrupted", "queue_full"}) - ANSWERED
+"""Outcomes that do not show whether a station answers."""
+
+
+def _answers(states: Sequence[BlockState]) -> bool:
+    """Return whether the station answered in the last exchange of these blocks that shows whether it does."""
+    ends = [(state.last_end, _has_answered(state)) for state in states if state.last_end is not None]
+    shown = [(end, answered) for end, answered in ends if answered is not None]
+    last = max((end for end, _ in shown), default=None)
+    return any(answered for end, answered in shown if end == last)
+
+
+def _has_answered(state: BlockState) -> bool | None:
+    """Return whether the station answered in the last exchange of a block; None if the exchange does not show it."""
+    failure = None if state.ended_well else state.last_failure
+    if failure is None or is_refused(failure):
+        return True
+    return None if failure.outcome in UNRELATED else False
 
 
 def _channel_status(service: RunAtWork, at_work: ChannelService, now: int) -> ChannelStatus:

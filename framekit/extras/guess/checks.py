@@ -8,7 +8,7 @@ algebra. Each hypothesis is tried on a few pairs of frames first; the survivors 
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
@@ -261,8 +261,6 @@ def _at_place(place: CheckPlace, frames: Sequence[bytes]) -> Iterator[CheckGuess
 
 
 # ---- sums and exclusive ors -------------------------------------------------------------------------------------
-
-Simple = Callable[[bytes], int]
 
 
 @cache

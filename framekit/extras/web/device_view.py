@@ -22,8 +22,6 @@ log = logging.getLogger(__name__)
 
 MOST_ELEMENTS = 512
 """Maximum number of elements in one message."""
-NO_BEHAVIOUR = ("name", "type", "order", "scale", "offset")
-"""Keys of behaviours that describe their place."""
 TIMES = ("every", "after", "over", "period", "pulse", "lag")
 """Keys of behaviours that are times in ns."""
 KIND_WORDS = {

@@ -23,6 +23,8 @@ log = logging.getLogger(__name__)
 LONGEST_HEX = 40_000
 MOST_VALUES = 500
 """Limits of a message: characters of bytes in hex, and values of a form."""
+ONE_FILE = "a file cannot be made here – run framekit edit with a folder"
+"""The refusal of a new file while a single file is edited."""
 
 
 class EditBoard:
@@ -140,7 +142,7 @@ class EditSession:
         answer: Message = {"done": whole_number(told.get("id"))}
         given = {"kind": plain_text(kind), "name": plain_text(told.get("name")), "of": plain_text(told.get("of"))}
         folder = self.board.folder
-        why = self.visitor.refused()
+        why = self.visitor.refused() or ("" if folder.takes_new else ONE_FILE)
         if why:
             return {**answer, "why": why}
         found = await self._worked({}, "new", folder.root / "new", given)

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from framekit.api.replaced_file import digest_of, replace_whole
-from framekit.definition.problems import plural
+from framekit.api.replaced_file import digest_of, make_whole, replace_whole
+from framekit.definition.problems import error_text, plural
 
 ENDINGS = (".yaml", ".yml")
 LARGEST_TEXT = 500_000
@@ -93,7 +93,7 @@ class EditedFolder:
         """Return the path of an existing file, or None if it leads out of the folder."""
         try:
             path = (self.root / name).resolve(strict=True)
-        except (OSError, RuntimeError):  # RuntimeError: a circle of links
+        except (OSError, RuntimeError, ValueError):  # a circle of links; a character that no file name has
             return None
         is_inside = path.is_relative_to(self.root) and path.suffix in ENDINGS and path.is_file()
         return path if is_inside else None
@@ -120,13 +120,13 @@ class EditedFolder:
         """Make a file with this text in the folder itself. Raise EditRefusedError; no file is replaced."""
         if "/" in name or not self.takes_new or not self._names_file(name):
             raise EditRefusedError(f"'{name}' cannot be made here – run framekit edit with a folder, and give a name")
+        content = _as_before(text, b"")
         try:
-            with (self.root / name).open("xb") as stream:
-                stream.write(text.encode("utf-8"))
+            make_whole(self.root / name, content)
         except FileExistsError:
             raise EditRefusedError(f"{name} exists already – open it, or choose another name") from None
         except OSError as error:
-            raise EditRefusedError(f"{name} cannot be made: {error.strerror or error}") from None
+            raise EditRefusedError(f"{name} cannot be made: {error_text(error)}") from None
 
     def save(self, name: str, text: str, digest: str) -> str:
         """Replace a file whose content on disk still has this digest; return the digest of the new content.
@@ -143,7 +143,7 @@ class EditedFolder:
         try:
             replace_whole(path, content, path)
         except OSError as error:
-            raise EditRefusedError(f"{name} cannot be written: {error.strerror or error}") from None
+            raise EditRefusedError(f"{name} cannot be written: {error_text(error)}") from None
         return digest_of(content)
 
 
@@ -153,7 +153,7 @@ def _content(path: Path) -> bytes:
         with path.open("rb") as stream:
             content = stream.read(LARGEST_TEXT + 1)
     except OSError as error:
-        raise EditRefusedError(f"{path.name} cannot be read: {error.strerror or error}") from None
+        raise EditRefusedError(f"{path.name} cannot be read: {error_text(error)}") from None
     if len(content) > LARGEST_TEXT:
         limit = plural(LARGEST_TEXT, "byte")
         raise EditRefusedError(f"{path.name} has more than {limit} – edit it with another program")

@@ -235,15 +235,15 @@ class _Uvicorn(uvicorn.Server):
         yield
 
 
-def _watched(work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
-    """Return the task of a work of the server whose error is reported."""
+def watched(work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
+    """Return the task of a work of the server or of its pages whose error is reported."""
     task = asyncio.ensure_future(work)
     task.add_done_callback(_has_ended)
     return task
 
 
 def _has_ended(task: asyncio.Task[None]) -> None:
-    """Report the error that has ended a task of the server, in the way of the loop."""
+    """Report the error that has ended a task, in the way of the loop."""
     if not task.cancelled() and (error := task.exception()) is not None:
         task.get_loop().call_exception_handler(
             {"message": "web: the page is not served any more", "exception": error, "task": task}
@@ -272,7 +272,7 @@ class WebServer:
     def begin(self, *boards: PageBoard) -> None:
         """Show these pages from now on, in the running loop; the first is at the address itself."""
         self._config.ws_max_size = max(board.largest_message for board in boards)
-        self._serving = _watched(self._server.serve([self._socket]))
+        self._serving = watched(self._server.serve([self._socket]))
         self.show(*boards)
 
     def show(self, *boards: PageBoard) -> None:
@@ -281,7 +281,7 @@ class WebServer:
             self._working.pop(board).cancel()
         for board in boards:
             if board not in self._working:
-                self._working[board] = _watched(board.go_on())
+                self._working[board] = watched(board.go_on())
         self.page.show(*boards)
 
     async def end(self) -> None:

@@ -61,6 +61,7 @@ class WebPage(NoPage):
         """Show a run, not yet started, while the context lasts."""
         from framekit.api.run import view_of
         from framekit.extras.web.board import WebBoard
+        from framekit.extras.web.server import watched
         from framekit.extras.web.shown import shown_devices, shown_run
 
         view = view_of(run, self.log)
@@ -79,7 +80,7 @@ class WebPage(NoPage):
                     self.server.show(*boards())
 
         async with self.shows(*boards(), to="fire and write"):
-            following = asyncio.ensure_future(follow())
+            following = watched(follow())
             try:
                 yield
             finally:

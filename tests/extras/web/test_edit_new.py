@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import signal
+import sys
 from pathlib import Path
 
 import pytest
+import yaml
 
 pytest.importorskip("starlette")
 
-from extras.web.edit_world import TOKEN, asked, session_of, written
+from extras.web.edit_world import LAMP, TOKEN, asked, session_of, written
 from extras.web.test_edit_sessions import told
 
 from framekit.api.check import check_file
@@ -76,12 +79,93 @@ def test_a_run_of_a_new_device_can_be_tried(tmp_path: Path) -> None:
         ("device", "a", "modbus-tpc", "there is no definition 'modbus-tpc' – did you mean 'modbus-tcp'"),
         ("device", "a", "", "choose a protocol"),
         ("points", "a", "scpi", "'scpi' has no addresses of values"),
-        ("run", "a", "gone.device.yaml", "there is no file 'gone.device.yaml'"),
+        ("run", "a", "gone.device.yaml", "'gone.device.yaml' is no YAML file of this folder"),
+        ("run", "a", "../secret.yaml", "'../secret.yaml' is no YAML file of this folder"),
+        ("run", "a", "../secret", "'../secret.yaml' is no YAML file of this folder"),
+        ("points", "a", "/etc/passwd", "'/etc/passwd.yaml' is no YAML file of this folder"),
+        ("run", "a", "..", "there is no definition '..'"),
+        ("run", "a", "modbus-tcp\0", "there is no definition 'modbus-tcp"),
+        ("run", "a", "a\\b.device.yaml", "'a\\b.device.yaml' is no YAML file of this folder"),
+        ("run", "a", "\ud800.yaml", "'\ud800.yaml' is no YAML file of this folder"),
+        ("run", "a", 300 * "x", "a name of 300 characters is too long"),
+        ("run", "a", 296 * "x" + ".yaml", "a name of 301 characters is too long"),
         ("faults", "a", "", "there is no kind 'faults'"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_made_is_refused_in_words(tmp_path: Path, kind: str, name: str, of: str, why: str) -> None:
     assert asked("new", tmp_path / "x", "", kind=kind, name=name, of=of)["why"].startswith(why)
+
+
+def test_a_file_outside_the_folder_gives_neither_values_nor_words(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Their names are a path upwards, an absolute path, a link, and the name of a file in the current folder."""
+    work = tmp_path / "work"
+    work.mkdir()
+    monkeypatch.chdir(tmp_path)
+    secret = written(tmp_path, "password: hunter2\n", "secret")
+    device = written(tmp_path, "device: sec\nprotocol: modbus-tcp\nstation: 77\n", "sec.device.yaml")
+    (work / "linked.device.yaml").symlink_to(device)
+    names = ("../sec.device.yaml", str(device), "linked.device.yaml", "sec.device.yaml", "sec.device", "../secret")
+    for of in (*names, str(secret), "secret"):
+        found = asked("new", work / "x", "", kind="run", name="a", of=of)
+        assert "text" not in found and "password" not in found["why"], of
+
+
+@pytest.mark.parametrize("name", ['a "b".device.yaml', "a: b #c.device.yaml", "a\nb.device.yaml", "$name.device.yaml"])
+def test_a_file_name_is_a_text_in_the_new_file(tmp_path: Path, name: str) -> None:
+    written(tmp_path, 'device: hall\nprotocol: "b \\"c.yaml"\nstation: 3\n', name)
+    written(tmp_path, "protocol: lamp\nextends: modbus-tcp\n", 'b "c.yaml')
+    run = made(tmp_path, "run", "plant", name)
+    channel = yaml.safe_load(run.read_text("utf-8"))["channels"][1]
+    assert channel == {"port": f"sim:{name}", "protocol": 'b "c.yaml', "station": 3}
+    assert errors(run) == []
+    copied = made(tmp_path, "device", "copy", 'b "c.yaml')
+    assert yaml.safe_load(copied.read_text("utf-8"))["protocol"] == 'b "c.yaml' and errors(copied) == []
+
+
+def test_a_file_of_a_folder_inside_is_named_with_its_path(tmp_path: Path) -> None:
+    (tmp_path / "sub").mkdir()
+    written(tmp_path / "sub", "device: hall\nprotocol: modbus-tcp\n", "hall.device.yaml")
+    run = made(tmp_path, "run", "plant", "sub/hall.device.yaml")
+    assert errors(run) == [] and '"sim:sub/hall.device.yaml"' in run.read_text("utf-8")
+
+
+def test_a_run_without_addresses_has_a_memory_of_no_product(tmp_path: Path) -> None:
+    run = made(tmp_path, "run", "plant", "scpi")
+    memory = yaml.safe_load(run.read_text("utf-8"))["memory"]
+    assert list(memory) == ["areas"] and errors(run) == []
+
+
+def test_a_single_file_is_edited_without_a_look_at_its_neighbours(tmp_path: Path) -> None:
+    written(tmp_path, "password: hunter2\n", "secret.yaml")
+    (answer,) = told(session_of(written(tmp_path)), {"new": "run", "name": "a", "of": "secret.yaml", "id": 1})
+    assert answer["done"] == 1 and "cannot be made here" in answer["why"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no limit of the size of files")
+def test_a_failed_write_leaves_no_file(tmp_path: Path) -> None:
+    import resource
+
+    folder = EditedFolder(tmp_path)
+    handler, limits = signal.signal(signal.SIGXFSZ, signal.SIG_IGN), resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10, limits[1]))
+    try:
+        with pytest.raises(EditRefusedError, match=r"^lamp.yaml cannot be made: File too large$"):
+            folder.make("lamp.yaml", LAMP)
+        left = list(tmp_path.iterdir())
+        folder.make("short.yaml", "a: 1\n")
+        digest = folder.read("short.yaml").digest
+        with pytest.raises(EditRefusedError, match=r"^short.yaml cannot be written: File too large$"):
+            folder.save("short.yaml", LAMP, digest)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert left == [] and [path.name for path in tmp_path.iterdir()] == ["short.yaml"]
+    folder.make("lamp.yaml", LAMP)
+    with pytest.raises(EditRefusedError, match="cannot be written in UTF-8"):
+        folder.make("other.yaml", "a: \ud800\n")
+    assert folder.read("lamp.yaml").text == LAMP and folder.names() == ["lamp.yaml", "short.yaml"]
 
 
 def test_only_the_token_makes_a_file(tmp_path: Path) -> None:

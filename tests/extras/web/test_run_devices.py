@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import asyncio
 from pathlib import Path
 from typing import Any
@@ -15,12 +16,13 @@ from extras.web.page_world import METER, RUN, TOKEN, Browser, written
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
-from framekit.api.monitor import FrameLog
-from framekit.api.run import VirtualRun, view_of
+from framekit.api.monitor import FrameLog, LiveView
+from framekit.api.run import AsyncRun, RunCalls, VirtualRun, view_of
 from framekit.extras.web.access import Access
 from framekit.extras.web.board import WebBoard, WebSession
 from framekit.extras.web.server import PageApp
-from framekit.extras.web.shown import shown_devices, shown_run
+from framekit.extras.web.shown import Shown, shown_devices, shown_run
+from framekit.extras.web.web_page import WebPage
 from framekit.run.trouble import Count
 
 HOME = "http://127.0.0.1:8040"
@@ -161,3 +163,34 @@ def test_trouble_of_a_sink_is_a_notice_until_it_is_over(tmp_path: Path) -> None:
     pages.of_run.look()
     (notice,) = pages.of_run.notices
     assert notice.ended is not None
+
+
+def test_an_error_while_changed_devices_are_shown_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The devices of the run differ at each look, and their page cannot be made again."""
+    made: list[None] = []
+
+    def shown_once(run: RunCalls, view: LiveView) -> Shown:
+        made.append(None)
+        if len(made) > 1:
+            raise ValueError("a defect")
+        return shown_devices(run, view)
+
+    async def reported() -> list[str]:
+        found: list[str] = []
+        ended = asyncio.Event()
+
+        def note(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+            found.append(f"{context['message']}: {context['exception']}")
+            ended.set()
+
+        asyncio.get_running_loop().set_exception_handler(note)
+        page = WebPage(argparse.Namespace(web="0", web_token=None, json=False))
+        run = AsyncRun(written(tmp_path), offers_faults=True)
+        async with page.of_run(run):
+            monkeypatch.setattr(AsyncRun, "simulated", property(lambda run: [object()]))
+            await asyncio.wait_for(ended.wait(), 60)
+        return found
+
+    monkeypatch.setattr("framekit.extras.web.web_page.LOOK_EVERY", 0)
+    monkeypatch.setattr("framekit.extras.web.shown.shown_devices", shown_once)
+    assert asyncio.run(reported()) == ["web: the page is not served any more: a defect"]

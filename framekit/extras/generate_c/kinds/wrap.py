@@ -1,4 +1,4 @@
-"""Write `wrap` in C: its end, and the reading and building of its content. `codec/c/codings.py` writes the codings."""
+"""Write `wrap` in C: its end, the reading and building of its content. The codings are in `generate_c/codings.py`."""
 
 from __future__ import annotations
 
