@@ -190,6 +190,10 @@ class _Listening:
     def deadline(self) -> int:
         return self.listener.deadline
 
+    @property
+    def good_frames(self) -> int:
+        return self.listener.counters.received
+
     def opened(self, now: int) -> list[Command]:
         self.monitor(Seen("", "open", now))
         return []

@@ -197,6 +197,11 @@ class Engine:
             self.receiver.hear_marks(self._hears_marks)
         self.machine.line_changed(change, is_other)
 
+    @property
+    def good_frames(self) -> int:
+        """Return the number of good frames received so far."""
+        return self.counters.received
+
     def closed(self, now: int, reason: str = "") -> list[Command]:
         """Note that the connection is gone: drop the output, and fail each run that does not handle that."""
         self.scope.now = now

@@ -533,7 +533,7 @@ class PointTable:
         if failure is not None:
             for state in group.states:
                 state.failed_blocks.add(block)
-                self._fail(state, str(failure), now)
+                self._fail(state, _reason(failure), now)
             return
         group.read_at = now
         if not group.waits:
@@ -634,12 +634,14 @@ class PointTable:
         return True
 
     def _fail(self, state: _State, reason: str, now: int) -> None:
+        """Mark a point as failed. A failed point with another reason is updated, but not reported."""
         before = self._value(state)
         self._is_new(state)
-        if (before.quality, before.reason) == ("failed", reason):
-            state.value = replace(before, time=self.wall(now))
+        value = replace(before, quality="failed", reason=reason, time=self.wall(now))
+        if before.quality == "failed":
+            state.value = value
         else:
-            self._tell(state, replace(before, quality="failed", reason=reason, time=self.wall(now)))
+            self._tell(state, value)
 
     def _tell(self, state: _State, value: PointValue) -> None:
         state.value = value
@@ -648,6 +650,11 @@ class PointTable:
                 listener(value)
             except Exception:  # a listener may raise anything; the run goes on
                 log.exception("point %s: what listens to it has failed", value.name)
+
+
+def _reason(failure: Failure) -> str:
+    """Return why a block failed; for a closed channel, why it is closed."""
+    return failure.cause if failure.outcome == "closed" and failure.cause else str(failure)
 
 
 def _differs(point: Point, number: Any, told: Any) -> bool:

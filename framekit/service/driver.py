@@ -89,6 +89,10 @@ class Driven(Protocol):
     @property
     def deadline(self) -> int: ...
 
+    @property
+    def good_frames(self) -> int:
+        """Return the number of good frames received so far. Without a protocol: of received bytes."""
+
     def opened(self, now: int) -> list[Command]: ...
 
     def hear_marks(self) -> None: ...
@@ -148,7 +152,13 @@ class Driver(PortEvents):
         self._send_timer: Handle | None = None
         self._reopen_timer: Handle | None = None
         self.longest_retry = LONGEST_RETRY
+        """The longest pause before the port is opened again (ns)."""
         self._retry = FIRST_RETRY
+        """The next pause (ns). It doubles until the other side has shown that it works, see `_has_worked`."""
+        self._opened_at: int | None = None
+        """The time of the last opening; None while the port is not open."""
+        self._frames_before = 0
+        """The number of good frames at that time."""
 
     # ---- life ---------------------------------------------------------------------------------------------
 
@@ -219,7 +229,7 @@ class Driver(PortEvents):
             self.port.close()
             return
         self.is_open = True
-        self._retry = min(FIRST_RETRY, self.longest_retry)
+        self._opened_at, self._frames_before = now, self.engine.good_frames
         self.on_state("open")
         own = self.port.settings
         if own is not None and own.character_time != self.load.character_time:
@@ -266,6 +276,9 @@ class Driver(PortEvents):
         self.pending.clear()
         if self.stopped:
             return
+        if self._has_worked(now):
+            self._retry = min(FIRST_RETRY, self.longest_retry)
+        self._opened_at = None
         next_time = max(now + self._retry, self.port.rests_until)
         again = f", trying again in {(next_time - now) / 1e9:.1f} s" if self.port.opens_again else ""
         log.info("%s: closed (%s)%s", self.port.name, reason, again)
@@ -274,6 +287,16 @@ class Driver(PortEvents):
         if self.port.opens_again:
             self._reopen_timer = self.clock.call_at(next_time, self._reopen)
             self._retry = min(2 * self._retry, self.longest_retry)
+
+    def _has_worked(self, now: int) -> bool:
+        """Return whether the port, open until now, has received a good frame, or was open for the longest pause.
+
+        A device that accepts connections and closes them, or that sends no frame of the protocol, does not end the
+        back-off.
+        """
+        if self._opened_at is None:
+            return False
+        return self.engine.good_frames != self._frames_before or now - self._opened_at >= self.longest_retry
 
     def _reopen(self) -> None:
         self._reopen_timer = None

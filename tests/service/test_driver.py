@@ -88,6 +88,8 @@ def test_a_clock_keeps_nothing_of_a_driver_that_has_been_stopped() -> None:
 class FaultyEngine:
     """Raises for what comes, after it has begun to wait for a time."""
 
+    good_frames = 0
+
     def __init__(self) -> None:
         self.deadline = NEVER
         self.rung: list[int] = []

@@ -195,6 +195,7 @@ class Idle:
     """An engine without commands."""
 
     deadline = 1 << 62
+    good_frames = 0
 
     def opened(self, now: int) -> list[Any]:
         return []

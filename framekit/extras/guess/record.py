@@ -103,6 +103,10 @@ class _Wire:
         self._tell(Heard(self.number, event, begin, end))
         return []
 
+    @property
+    def good_frames(self) -> int:
+        return self.counts.bytes
+
     def opened(self, now: int) -> list[Command]:
         self.is_open = True
         return self._event(LineEvent("open", now))
