@@ -118,7 +118,7 @@ class InnerConstruct(ValueSegment):
         else:
             room = reading.room(context)
             if room.end < start:
-                raise reading.stop(place, "short", "room for what follows", f"{room.end - start} bytes")
+                raise reading.no_room(place, start, room)
             behind = in_place_of_records(tuple(one.segment for one in reading.following))
             known = (reading.sizes.of(replace(one, when=None), nothing_known) for one in behind)
             data, exact = stream.read(room.end - start), room.exact and None not in known

@@ -117,7 +117,7 @@ class HexConstruct(WrapConstruct):
         start, room = stream.tell(), reading.room(context)
         if room.exact:
             if room.end < start:
-                raise reading.stop(place, "short", "room for what follows", f"{room.end - start} bytes")
+                raise reading.no_room(place, start, room)
             plain = self._plain(stream.read(room.end - start), reading, place)
             if plain is not None:
                 self.read_content(plain, True, lambda at: place.offset + 2 * at, context, path, place)

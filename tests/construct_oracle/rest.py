@@ -27,7 +27,7 @@ def rest_size(construct: SegmentConstruct, stream: BytesIO, context: Container, 
         if found is not None:
             return found - start
     if room.end < start:
-        raise reading.stop(place, "short", "room for what follows", f"{room.end - start} bytes")
+        raise reading.no_room(place, start, room)
     return room.end - start
 
 

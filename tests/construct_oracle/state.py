@@ -253,6 +253,12 @@ class Reading(State):
             return Region(self.region.end, exact=False)
         return Region(self.region.end - behind, exact=True)
 
+    def no_room(self, place: Place, start: int, room: Region) -> Stop:
+        """Note a segment at `start` after which the following segments do not fit."""
+        following, available = self.region.end - room.end, max(self.region.end - start, 0)
+        unit = "byte" if following == 1 else "bytes"
+        return self.stop(place, "short", f"at least {following} {unit}", str(available))
+
     @contextmanager
     def within(self, region: Region) -> Iterator[None]:
         """Reads in another region of the same bytes; what follows there is not known yet."""

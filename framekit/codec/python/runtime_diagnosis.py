@@ -217,7 +217,7 @@ class Diagnosis:
         """Return the next `size` bytes. Raises Stop if they are missing."""
         start = self.at
         if size < 0:
-            raise self.stop("length", name, "a size of at least 0", str(size), refuse)
+            raise self.stop("length", name, "a size of at least 0", f"{-size} less", refuse)
         if start + size > self.end:
             raise self.stop("short", name, f"{size} bytes", str(max(self.end - start, 0)), refuse)
         self.at = start + size
@@ -241,11 +241,13 @@ class Diagnosis:
         raise self.stop(cause, segment, "values it can be worked out from", "none", refuse)
 
     def rest(self, behind: int | Ask, segment: str) -> int:
-        """Return the number of bytes before the last `behind` bytes. Raises Stop if it is negative."""
-        size = int(self.end - self.ask(behind, "length", segment) - self.at)
-        if size < 0:
-            raise self.stop("short", segment, "room for what follows", f"{size} bytes")
-        return size
+        """Return the number of bytes before those of the following segments. Raises Stop if these do not fit."""
+        following = int(self.ask(behind, "length", segment))
+        available = max(self.end - self.at, 0)
+        if available < following:
+            unit = "byte" if following == 1 else "bytes"
+            raise self.stop("short", segment, f"at least {following} {unit}", str(available))
+        return available - following
 
     def until_tail(self, mark: int) -> int:
         """Return the number of bytes from the next byte `mark` to the end.
@@ -261,7 +263,7 @@ class Diagnosis:
 
     @contextmanager
     def part(self, behind: int | Ask = 0, surplus: int | None = None, checks: bool = False) -> Iterator[None]:
-        """Read a part that is followed by `behind` bytes; reading continues after the part in every case.
+        """Read a part before the bytes of the following segments; reading continues after the part in every case.
 
         `surplus`: the refusal code for remaining bytes. `checks`: the part contains check codes.
         """
@@ -281,7 +283,7 @@ class Diagnosis:
 
     @contextmanager
     def attempt(self, behind: int | Ask, checks: bool = False) -> Iterator[None]:
-        """Read a part that is followed by `behind` bytes, which are read even if the part fails."""
+        """Read a part before the bytes of the following segments, which are read even if the part fails."""
         start, whole = self.at, self.end
         tail = whole - self.ask(behind, "short", "frame")
         scopes, path, holder = len(self.scopes), self.path, self.holder
@@ -330,7 +332,7 @@ class Diagnosis:
         between: bool = False,
         single: str = "",
     ) -> Iterator[ItemPlace]:
-        """Yield every item of a list of records; `times` None: as many as fit before the last `behind` bytes.
+        """Yield every item of a list of records; `times` None: as many as fit before the following segments.
 
         `until`: the items determine which is the last (`ends`). `align`: each item begins at a multiple of `align`
         bytes from the start of the list; `between`: the last item has no fill bytes. `single`: the items are the values
@@ -343,7 +345,7 @@ class Diagnosis:
         outer, holder = self.path, self.holder
         count = None if times is None else self.ask(times, "length", name)
         if count is not None and count < 0:
-            raise self.stop("length", name, "at least 0 items", str(count))
+            raise self.stop("length", name, "at least 0 items", f"{-count} less")
         whole, ended = self.end, False
         if count is None and not until:
             self.end = start + self.rest(behind, name)
@@ -382,7 +384,7 @@ class Diagnosis:
         behind: int | Ask = 0,
         checks: bool = False,
     ) -> Iterator[None]:
-        """Read the content of a wrap of `size` encoded bytes; None: all bytes before the last `behind` bytes."""
+        """Read the content of a wrap of `size` encoded bytes; None: all bytes before the following segments."""
         start = self.begin(name)
         raw = self.take(name, self.rest(behind, name) if size is None else self.ask(size, "short", name))
         plain, places, *told = open_up(raw)
@@ -551,7 +553,7 @@ class Diagnosis:
         least: int = 0,
         never: bytes = b"",
     ) -> None:
-        """Read `size` encoded bytes; None: all before the last `behind` bytes; `never`: forbidden bytes."""
+        """Read `size` encoded bytes; None: all before the following segments; `never`: forbidden bytes."""
         start = self.begin(name)
         room = self.rest(behind, name) if size is None else self.ask(size, "length", name, refuse)
         raw = self.take(name, room, refuse)

@@ -182,7 +182,7 @@ end
 local function take(n, s, size)
   local start = n.at
   if size < 0 then
-    stop(n, "length", s, "a size of at least 0", X.shown(size))
+    stop(n, "length", s, "a size of at least 0", X.shown(-size) .. " less")
   end
   if start + size > n.stop then
     if n.open then
@@ -320,13 +320,15 @@ local function rest(n, s, after)
   if n.open and not n.bounded then
     return rest_of_stream(n, s, after)
   end
-  local size = n.stop - ask(n, function()
+  local following = ask(n, function()
     return behind(n, after)
-  end, "length", bare(s)) - n.at
-  if size < 0 then
-    stop(n, "short", bare(s), "room for what follows", X.shown(size) .. " bytes")
+  end, "length", bare(s))
+  local available = math.max(n.stop - n.at, 0)
+  if available < following then
+    local unit = following == 1 and " byte" or " bytes"
+    stop(n, "short", bare(s), "at least " .. X.shown(following) .. unit, X.shown(available))
   end
-  return size
+  return available - following
 end
 
 -- ---- parts ------------------------------------------------------------------------------------------------------
@@ -716,7 +718,7 @@ function kinds.list(n, s, after)
   if s.times then
     count = ask(n, s.times, "length", s)
     if count < 0 then
-      stop(n, "length", s, "at least 0 items", X.shown(count))
+      stop(n, "length", s, "at least 0 items", X.shown(-count) .. " less")
     end
   end
   local whole, ended, path, outer, in_item = n.stop, false, n.path, n.item, n.in_item
