@@ -138,6 +138,9 @@ LONGEST_LIST = 12
 OWN_KEYS = "x-own-keys"
 """Keyword of mappings with free keys: a key that is nearly one of the known ones is a slip."""
 
+REFERS = "x-refers"
+"""Keyword of values that are a key of a section of the same file."""
+
 
 @dataclass(frozen=True, slots=True)
 class _Complaint:
@@ -349,6 +352,8 @@ class Messages:
 
     def _pattern(self, error: Any, path: Path) -> Iterator[_Complaint]:
         expected, text = error.schema.get("x-expected", "what is wanted here"), error.instance
+        if text.strip() in self._keys_of(error.schema.get(REFERS, "")):
+            return
         if not text.strip():
             yield self._value(path, f"{self._subject(path)} is empty", f"write {expected}")
             return
@@ -357,6 +362,11 @@ class Messages:
         todo = "" if match is None else f"write {match.expand(meant)}"
         yield self._value(path, f"'{_short(text)}' is not {expected}{self._inside(path)}", todo)
 
+    def _keys_of(self, section: str) -> Collection[str]:
+        """Return the keys of a section of the file; a wrong key is reported at the key, and not where it is used."""
+        node = self.places.root.get(section) if section and isinstance(self.places.root, Mapping) else None
+        return {entry.key.text.strip() for entry in node.entries} if isinstance(node, Mapping) else ()
+
     def _name(self, error: Any, path: Path) -> Problem:
         """Report a key that is not a valid name."""
         expected = error.schema.get("x-expected", "a name")
@@ -364,7 +374,8 @@ class Messages:
         if isinstance(node, Mapping) and node.flow and looks_cut(error.instance):
             return Problem(at, CUT, QUOTE_EXPRESSION)
         within = self._subject(path)
-        return Problem(at, f"'{_short(error.instance)}' is not {expected}, in {within}", "")
+        todo = error.schema.get("x-write", "")
+        return Problem(at, f"'{_short(error.instance)}' is not {expected}, in {within}", todo)
 
     def _blank(self, error: Any, path: Path) -> Iterator[_Complaint]:
         yield self._value(path, f"{self._subject(path)} is empty", "write some characters, or leave it out")

@@ -39,7 +39,16 @@ from framekit.run.model import (
     is_address,
 )
 from framekit.run.triggers import TRIGGERS, TriggerReader
-from framekit.runfile.channels import Attempts, RulesLoader, beside, needs_own, needs_station, read_params, read_station
+from framekit.runfile.channels import (
+    Attempts,
+    RulesLoader,
+    beside,
+    needs_own,
+    needs_station,
+    read_channel_number,
+    read_params,
+    read_station,
+)  # fmt: skip
 from framekit.runfile.transfers import CallLoader, FrameBlockLoader, OwnPlaces, TransferLoader
 
 INSTRUCTIONS: tuple[Instruction, ...] = ("read", "write", "send", "receive", "call", "command")
@@ -230,7 +239,7 @@ class BlockLoader:
                     raise Broken("the channel has been told")
                 return next(iter(self.channels.values()))
             raise self.reader.broken(entry.key.at, f"block {entry.key.text} names no channel", "add channel: NUMBER")
-        number = self.reader.number(node)
+        number = read_channel_number(self.reader, node, self.known)
         if number not in self.channels:
             if str(number) in self.known:
                 raise Broken("the channel has been told")
@@ -532,12 +541,12 @@ class JobBlockLoader:
                 self.reader.warn(node.at, f"no channel leads to {address}", "add host: to a channel, or open: to jobs")
             return number, host
         if named is not None:
-            number = self.reader.number(named)
+            number = read_channel_number(self.reader, named, self.known)
             if number not in self.channels:
                 if str(number) in self.known:
                     raise Broken("the problems of the channel have been reported")
-                known = ", ".join(map(str, self.channels))
-                raise self.reader.broken(named.at, f"there is no channel {number}", f"known: {known}")
+                hint = did_you_mean(str(number), self.known)
+                raise self.reader.broken(named.at, f"there is no channel {number}", hint)
             return number, ""
         if len(self.channels) == 1:
             return next(iter(self.channels)), ""

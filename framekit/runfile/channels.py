@@ -89,6 +89,19 @@ def read_clients(reader: Reader, node: Node) -> tuple[Network, ...]:
     return tuple(found)
 
 
+def read_channel_number(reader: Reader, node: Node, known: Collection[str]) -> int:
+    """Return the number of a channel. Raise Broken for another text, which is reported unless it is a key of `known`:
+    a wrong key of the channels has been reported.
+    """
+    text = reader.text(node).strip()
+    try:
+        return parse_number(text)
+    except ValueError:
+        if text in known:
+            raise Broken("the key of the channel has been reported") from None
+        return reader.number(node)
+
+
 class ChannelLoader:
     """Reads the channels of the run in `folder`. `protocols` caches the loaded protocols; None marks an invalid one."""
 

@@ -33,7 +33,7 @@ from framekit.run.own_memory import stored_by
 from framekit.run.points import PointCall, PointRead, planned
 from framekit.run.transfer import Shape, is_path, shapes_of
 from framekit.run.triggers import Every
-from framekit.runfile.channels import Attempts, needs_station, read_station
+from framekit.runfile.channels import Attempts, needs_station, read_channel_number, read_station
 from framekit.runfile.transfers import CallLoader, OwnPlaces, packing_of
 from framekit.runfile.vendor_tables import numbered_rows
 
@@ -412,14 +412,14 @@ class PointsLoader:
         node = self._common(keys, group, "channel")
         if node is None:
             return None
-        number = self.reader.number(node)
+        number = read_channel_number(self.reader, node, self.unread)
         if number not in self.channels:
             if number in self.broken:
                 self.attempts.spoilt = True
                 return self.broken[number]
             if self.reader.text(node) in self.unread:
                 raise Broken("the problems of the channel have been reported")
-            hint = did_you_mean(str(number), map(str, self.channels))
+            hint = did_you_mean(str(number), {*self.unread, *map(str, self.channels)})
             raise self.reader.broken(node.at, f"there is no channel {number}", hint)
         channel = self.channels[number]
         if channel.listens or not channel.asks:

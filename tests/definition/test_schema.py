@@ -571,7 +571,8 @@ OTHERS = [
     ),
     (
         "run: r\nchannels: {one: {port: x, protocol: p}}\n",
-        "f:2:12: 'one' is not a whole number (10 or 0x0A), in 'channels'",
+        "f:2:12: 'one' is not the number of a channel (1 or 2), in 'channels' – "
+        "number the channels; a name is written as name: in the channel",
     ),
     (
         "run: r\nchannels: {1: {port: x, protocol: p}}\nsets: {9: {blocks: {}}}\n",
