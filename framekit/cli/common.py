@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TextIO, TypeVar
 
 from framekit.cli.terminal import discard_unwritten, unguarded
-from framekit.definition.problems import error_text
+from framekit.definition.problems import error_text, printable
 
 if TYPE_CHECKING:
     import asyncio
@@ -319,14 +319,34 @@ def existing(file: Path) -> Path:
     return file
 
 
+HEX_DIGITS = frozenset("0123456789abcdefABCDEF")
+
+SHOWN_DIGITS = 8
+"""Digits that are shown on each side of a wrong digit of a long word."""
+
+
 def hex_bytes(text: str) -> bytes:
     """Return bytes from hex digits with any spacing; `-` reads standard input. Raises WordsError."""
     if text == "-":
         text = sys.stdin.read()
+    words = text.replace("0x", " ").replace(",", " ").replace(":", " ").split()
     try:
-        return bytes.fromhex("".join(text.replace("0x", " ").replace(",", " ").replace(":", " ").split()))
+        return bytes.fromhex("".join(words))
     except ValueError:
-        raise WordsError("these are not bytes – write pairs of hex digits") from None
+        raise WordsError(f"{_not_bytes(words)} – write pairs of hex digits, such as 01 0F") from None
+
+
+def _not_bytes(words: list[str]) -> str:
+    """Return which of these words keeps them from being pairs of hex digits."""
+    for word in words:
+        place = next((at for at, character in enumerate(word) if character not in HEX_DIGITS), None)
+        if place is not None:
+            begin, end = max(place - SHOWN_DIGITS, 0), place + SHOWN_DIGITS
+            part = "…" * (begin > 0) + printable(word[begin:end]) + "…" * (end < len(word))
+            return f"'{part}' is not bytes"
+    word = next(word for word in words if len(word) % 2)
+    part = word if len(word) <= 2 * SHOWN_DIGITS else f"…{word[-SHOWN_DIGITS:]}"
+    return f"'{part}' has a digit without its pair"
 
 
 def line_of(protocol: Protocol, arguments: argparse.Namespace) -> LineFormat | None:

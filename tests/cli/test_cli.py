@@ -288,14 +288,18 @@ def test_decode_lists_several_frames_and_narrows_by_side(capsys: pytest.CaptureF
         ("mldp", READ[:-5] + "30 30", "check"),
         ("mldp", "41 42", "no frame fits"),
         ("modbus-rtu", "", "there are no bytes"),
-        ("mldp", "0G", "these are not bytes"),
+        ("mldp", "0G", "'0G' is not bytes – write pairs of hex digits, such as 01 0F"),
+        ("mldp", "01 zz 02", "'zz' is not bytes"),
+        ("mldp", "01:0", "'0' has a digit without its pair"),
+        ("mldp", "01" * 30 + "-" + "02" * 30, "'…01010101-0202020…' is not bytes"),
+        ("mldp", "01" * 30 + "2", "'…10101012' has a digit without its pair"),
     ],
 )
 def test_decode_says_why_bytes_are_no_frame(
     capsys: pytest.CaptureFixture[str], protocol: str, data: str, message: str
 ) -> None:
     status, out, err = call(capsys, "decode", protocol, data)
-    assert (status, out) == (2 if data == "0G" else 1, "")
+    assert (status, out) == (2 if " is not bytes" in message or " its pair" in message else 1, "")
     assert message in err
 
 
