@@ -544,7 +544,7 @@ class Engine:
                 if not event.skipped:
                     any(self.lanes.handle(run, "on_noise", NOISE) for run in machine.order if run.state is RECEIVING)
             if receiver.broken:
-                self.output.commands.append(Reopen("the stream is out of step"))
+                self.output.commands.append(Reopen(f"received bytes are no frames of '{self.protocol.name}'"))
         if reception.has_candidates and not receiver.has_unread:
             reception.drop_candidates()
         return True

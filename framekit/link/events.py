@@ -84,7 +84,7 @@ class SetRts:
 
 @dataclass(frozen=True, slots=True)
 class Reopen:
-    """Close the connection and open it again: the stream is out of step and cannot be trusted."""
+    """Close the connection and open it again: received bytes are no frames, or the session is lost."""
 
     reason: str
 

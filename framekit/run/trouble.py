@@ -62,6 +62,12 @@ def remedy_of(reason: str) -> str:
     return next((remedy for text, remedy in REMEDIES if text in small), "")
 
 
+def _without_name(reason: str, name: str) -> str:
+    """Return a reason about a part without the target of the part, which its name ends with."""
+    subject, _, rest = reason.partition(" is ")
+    return f"this is {rest}" if rest and name.endswith(f" {subject}") else reason
+
+
 class Count(NamedTuple):
     """Samples of a part: how many wait, how many are lost, and the lost values by point."""
 
@@ -225,6 +231,7 @@ class TroubleSource:
 
         `since`: when it began to fail; default: now.
         """
+        reason = _without_name(reason, self.name)
         with self._troubles.lock:
             before, self.reason = self.reason, reason
             if not before:

@@ -140,6 +140,8 @@ class Driver(PortEvents):
         self.moment = moment
         self._now = clock.moment if port.in_time else clock.now
         self.is_open = False
+        self.closed_by_engine = False
+        """Whether the engine has closed the working port: received bytes are no frames, or the session is lost."""
         self.stopped = False
         self._started = False
         self.reopenings = 0
@@ -272,6 +274,10 @@ class Driver(PortEvents):
 
     def closed(self, now: int, reason: str) -> None:
         """Report to the engine that the port is gone, and open the port again after a while."""
+        self.closed_by_engine = False
+        self._closed(now, reason)
+
+    def _closed(self, now: int, reason: str) -> None:
         self.is_open = False
         self.pending.clear()
         if self.stopped:
@@ -341,7 +347,8 @@ class Driver(PortEvents):
                 port.set_rts(command.on)
             else:
                 port.close()
-                self.closed(self.clock.now(), command.reason)
+                self.closed_by_engine = True
+                self._closed(self.clock.now(), command.reason)
 
     def _is_early(self, command: Send | Break) -> bool:
         """Return whether a command has to wait for its time; if so, it is pending again, and a timer is set."""

@@ -369,7 +369,8 @@ class RunService(ChannelOwner):
             if not self.channels[channel].is_on:
                 self.forget_values()
             elif reports_port(self.channels[channel].channel):
-                self.values.lost(channel, why)
+                works = self.channels[channel].driver.closed_by_engine
+                self.values.lost(channel, why if works else f"port not open: {why}")
             if channel in self._never_open:
                 self._never_open[channel] = why
             if self._has_points:

@@ -420,8 +420,8 @@ class ValueTroubles:
             self._well(channel, (OLD, point.name))
 
     def lost(self, channel: int, why: str) -> None:
-        """Note that the port of a channel is not open; the next exchange, or `opened`, ends it."""
-        self._fails(channel, None, (PORT, ""), cause_of(f"port not open: {why}"))
+        """Note that the port of a channel is closed, and why; the next exchange, or `opened`, ends it."""
+        self._fails(channel, None, (PORT, ""), cause_of(why))
 
     def opened(self, channel: int) -> None:
         """Note an open port: this ends its trouble if no block starts by itself."""

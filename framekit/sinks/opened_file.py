@@ -33,7 +33,8 @@ def refuse_special(path: Path) -> None:
         return
     if not stat.S_ISREG(mode):
         kind = _SPECIAL.get(stat.S_IFMT(mode), "no regular file")
-        raise FileExistsError(errno.EEXIST, f"{path} is {kind} – name another file")
+        todo = "name another file" if kind.endswith("device") else "move it away, or name another file"
+        raise FileExistsError(errno.EEXIST, f"{path} is {kind} – {todo}")
 
 
 class OpenedFile:

@@ -126,14 +126,17 @@ def test_a_special_file_is_an_error_and_stays(sink: str, kind: str, link: bool) 
         Path("values").rename("real")
         Path("values").symlink_to("real")
     before = {name: os.lstat(name)[:3] for name in files()}
-    assert errors_of(sink) == [f"plant.run.yaml:7:5: values is {kind} – name another file"]
+    todo = "name another file" if kind == "a character device" else "move it away, or name another file"
+    assert errors_of(sink) == [f"plant.run.yaml:7:5: values is {kind} – {todo}"]
     assert {name: os.lstat(name)[:3] for name in files()} == before
 
 
 def test_a_part_of_parquet_that_is_a_folder_is_an_error() -> None:
     pytest.importorskip("pyarrow")
     Path("values.part").mkdir()
-    assert errors_of("{parquet: values}") == ["plant.run.yaml:7:5: values.part is a folder – name another file"]
+    assert errors_of("{parquet: values}") == [
+        "plant.run.yaml:7:5: values.part is a folder – move it away, or name another file"
+    ]
 
 
 # ---- files of framekit with other columns --------------------------------------------------------------------------
@@ -198,6 +201,19 @@ def test_a_link_stays_when_its_file_is_put_aside() -> None:
     assert "temperature" in Path("disk/table.csv").read_text()
 
 
+def test_a_folder_that_comes_during_the_run_is_trouble_until_it_is_moved_away() -> None:
+    run = VirtualRun(run_file("{csv: values.csv, every: 1 s}"))
+    run.run_for("1500 ms")
+    Path("values.csv").rename("first.csv")
+    Path("values.csv").mkdir()
+    run.run_for("2 s")
+    (problem,) = run.problems
+    assert problem.startswith("sink csv values.csv: this is a folder – move it away, or name another file")
+    Path("values.csv").rename("folder")
+    run.run_for("60 s")
+    assert run.problems == []
+
+
 def test_a_foreign_file_that_comes_during_the_run_is_trouble_until_it_goes() -> None:
     """The rows wait meanwhile; they are written when the file is gone."""
     run = VirtualRun(run_file("{csv: values.csv, every: 1 s}"))
@@ -205,9 +221,7 @@ def test_a_foreign_file_that_comes_during_the_run_is_trouble_until_it_goes() -> 
     Path("values.csv").rename("first.csv")
     Path("values.csv").write_text("my notes\n")
     run.run_for("2 s")
-    assert run.problems == [
-        "sink csv values.csv: values.csv is no csv file of framekit – move it away, or name another file"
-    ]
+    assert run.problems == ["sink csv values.csv: this is no csv file of framekit – move it away, or name another file"]
     assert Path("values.csv").read_text() == "my notes\n"
     Path("values.csv").rename("notes.txt")
     run.run_for("1 s")

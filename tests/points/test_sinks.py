@@ -290,7 +290,7 @@ def test_a_run_does_not_start_without_its_files(tmp_path: Path) -> None:
         assert [str(one).partition(f"{path}:")[2] for one in error.value.problems] == [
             f"8:5: {tmp_path}/taken/values.csv cannot be opened and written: Not a directory – "
             "make room or change its permissions, or name another file",
-            f"10:5: {tmp_path}/folder is a folder – name another file",
+            f"10:5: {tmp_path}/folder is a folder – move it away, or name another file",
             f"11:5: {tmp_path}/text.db is no database – name another file",
             f"12:5: {tmp_path}/taken/a.db cannot be opened and written: Not a directory – "
             "make room or change its permissions, or name another file",

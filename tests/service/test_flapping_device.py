@@ -130,3 +130,21 @@ def test_the_state_of_a_failed_point_has_the_latest_cause(tmp_path: Path, monkey
     world.run(20)
     assert world.service.points.table["a"].reason == "no such device"
     assert len(world.rows) == 2
+
+
+def test_junk_is_reported_as_no_frames_and_not_as_a_port_that_is_not_open(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reports: list[str] = []
+    world = Flapping(tmp_path, monkeypatch, JUNK)
+    world.service.troubles.listen(lambda report: reports.append(report.text))
+    world.run(20)
+    assert reports[0].startswith("channel 1: received bytes are no frames of 'modbus-tcp' – 2 points")
+    world.driver.port.close()
+    monkeypatch.setattr(
+        world.driver.port,
+        "open",
+        lambda events: world.clock.call_soon(lambda: events.closed(world.clock.now(), "no such device")),
+    )
+    world.run(60)
+    assert reports[-1].startswith("channel 1: port not open: no such device")
