@@ -89,7 +89,7 @@ class LateReplies:
     """Track the open requests of a line; decide about sending and storing."""
 
     __slots__ = (
-        "_greatest", "_is_stream", "_late", "_scope", "_service", "_table", "count", "expected", "heard_until",
+        "_greatest", "_is_stream", "_late", "_scope", "_served", "_table", "count", "expected", "heard_until",
         "items", "last", "lost", "noisy", "numbered", "on_end", "on_wait", "open", "seen_at", "slow",
         "strange_since", "until", "within",
     )  # fmt: skip
@@ -127,8 +127,9 @@ class LateReplies:
         """Time of the first frame in this hold that answers no open request; 0: none came."""
         self.noisy = -1
         """Time of the last noise, or bad frame, on the line (ns); -1: none came."""
-        self._service = 0
-        """Greatest time that the device took for one of the open requests, the requests before it not counted."""
+        self._served: dict[Hashable, tuple[int, int]] = {}
+        """For each station with open requests that has answered some late: when it did so last, and the greatest time
+        that it took for one of them, its requests before that not counted (ns)."""
         self.heard_until = scope.now
         """Time up to which every byte that arrived has been handled; later bytes may wait in the port (ns)."""
 
@@ -192,6 +193,7 @@ class LateReplies:
             self.slow.answered_in_time(x.station, self._scope.now)
         if not own and all(one.station == x.station for one in self.open):
             self.last = 0  # this reply came in time: a reply before it did not wait for another one
+            self._served.pop(key_of(x.station), None)
         if own and self._is_prompt(run, x, own[0]):
             self.until = self._scope.now + silence(self._scope.now - run.started, run.longest)
         elif own or (self.until > self._scope.now and self._may_be_another(x.taken)):
@@ -245,8 +247,6 @@ class LateReplies:
         return found
 
     def _add(self, request: OpenRequest) -> None:
-        if not self.open:
-            self._service = 0
         request.number, self.count = self.count, self.count + 1
         request.within = min(request.within, LONGEST)
         times = HORIZON if self.lost < LOSSES else SHORT_HORIZON
@@ -320,7 +320,8 @@ class LateReplies:
         if self._is_stream:
             self.numbered.clear()
             self.open.clear()
-            self.until = self.last = self._service = self.strange_since = 0
+            self._served.clear()
+            self.until = self.last = self.strange_since = 0
 
     def take_over(self, before: LateReplies, *, is_same: bool) -> None:
         """Wait for the late replies that a previous engine of the same line waits for; on a stream none can come.
@@ -407,7 +408,9 @@ class LateReplies:
         self.open.remove(request)
         service = now - max(request.at, self.last)
         self.last = now
-        self._service = max(self._service, service)
+        key = key_of(request.station)
+        last, greatest = self._served.get(key, (0, 0))
+        self._served[key] = now, max(greatest, now - max(request.at, last))
         return service
 
     def _match(self, request: OpenRequest) -> int:
@@ -418,10 +421,10 @@ class LateReplies:
         self.lost, self.seen_at = 0, now
         if lateness > self._greatest_of(station) and not request.by_itself:
             self._greatest[station] = lateness, now
-        if not self.open:
-            if self._service > request.within and not request.by_itself:
-                self.slow.answered_late(request.station, self._service, request.limit(self.expected.limits), now)
-            self._service = 0
+        if not any(key_of(one.station) == station for one in self.open):
+            _, time = self._served.pop(station)
+            if time > request.within and not request.by_itself:
+                self.slow.answered_late(request.station, time, request.limit(self.expected.limits), now)
         for one in self.open:
             one.ends = max(one.ends, now + min(service + service // 4 + one.within, LONGEST))
         return service
