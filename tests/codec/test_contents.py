@@ -115,25 +115,3 @@ def test_monitors_show_the_data_messages_of_snp(tmp_path: Path) -> None:
     ]  # fmt: skip
     faults = contents.with_names("data_message", messages[1].fields)["plc_fault_table"]["faults"]
     assert faults[0]["group"] == "18 (low CPU battery)"
-
-
-def test_monitors_show_the_text_beside_mailboxes_of_srtp(tmp_path: Path) -> None:
-    device = PLC.replace("protocol: snp\nstation: A1\nparams: {use_break: no}", "protocol: srtp")
-    (tmp_path / "plc.device.yaml").write_text(device, encoding="utf-8")
-    path = tmp_path / "shown.run.yaml"
-    channel = "protocol: snp, station: A1, params: {use_break: no}"
-    path.write_text(RUN.replace(channel, "protocol: srtp, params: {allow: everything}"), encoding="utf-8")
-    clock, seen = VirtualClock(), []
-    run = load_run(path)
-    service = RunService(run, clock, monitor=lambda channel, one: seen.append(one))
-    service.start()
-    clock.run_for(5_000_000_000)
-    assert all(block.done for block in service.status())
-    contents = contents_of(run.channels[1].protocol)
-    with_text = [one for one in seen if one.frame == "reply_pdu" and one.fields.get("text")]
-    shown = [[*contents.to_plain(one.frame, one.fields).keys() - one.fields.keys()] for one in with_text]
-    assert shown == [
-        ["time_date"], ["plc_fault_table"], ["io_fault_table"], ["controller"], ["name_list"], ["datagram_values"], [],
-    ]  # fmt: skip
-    names = contents.names("reply_pdu", with_text[1].fields)
-    assert names["plc_fault_table.faults[0].group"] == "low CPU battery"

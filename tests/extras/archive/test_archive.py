@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from framekit.api import archive as archive_module
 from framekit.api.errors import RequestError
 from framekit.cli.main import main
+from framekit.extras.archive import archive as archive_module
 from framekit.extras.archive.archive import archive
 from framekit.service.capture import Capture
 from framekit.transport.clock import VirtualClock

@@ -1,6 +1,6 @@
-"""Damaged streams against the parsers of generated C, with AddressSanitizer and UBSan: `python -m tests.codec.c_fuzz`.
+"""Damaged streams against the parsers of generated C, with AddressSanitizer and UBSan.
 
-    python -m tests.codec.c_fuzz --bytes 100000000 [PROTOCOL …]
+    python tests/extras/generate_c/c_fuzz.py --bytes 100000000 [PROTOCOL …]
 
 Frames of each protocol are drawn by Python; a program in C cuts, joins and damages them, and puts the bytes into the
 parser in pieces, with silences between them. What the parser takes for a frame is built again, and the bytes are read
@@ -235,7 +235,9 @@ int main(int argc, char **argv)
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(prog="python -m tests.codec.c_fuzz", description=(__doc__ or "").splitlines()[0])
+    parser = argparse.ArgumentParser(
+        prog="python tests/extras/generate_c/c_fuzz.py", description=(__doc__ or "").splitlines()[0]
+    )
     parser.add_argument("protocols", nargs="*", metavar="PROTOCOL", help="all shipped ones if none is named")
     parser.add_argument("--bytes", type=int, default=1_000_000, metavar="N", help="so many bytes in total")
     parser.add_argument("--seed", type=int, default=1)

@@ -7,13 +7,13 @@ import random
 from pathlib import Path
 
 import pytest
-from tests.guess.test_kinds import meter
 
 from framekit.cli.main import main
 from framekit.codec.checks import compute
 from framekit.definition.model.checks import ready_methods
 from framekit.extras.guess.differences import definition_differences, differences
 from framekit.extras.guess.model import HeardBytes
+from tests.extras.guess.test_kinds import meter
 
 MODBUS = ready_methods()["crc16-modbus"]
 
