@@ -18,6 +18,7 @@ from typing import Any
 from framekit.codec.shown import explain
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER, LineFormat, parse_format
+from framekit.link.ahead import Ahead
 from framekit.link.arrivals import BadFrame, Noise
 from framekit.link.events import (
     Ask,
@@ -131,6 +132,7 @@ class Engine:
         scope.update({name: name for name in protocol.queues})
         scope["functions"] = EngineFunctions(machine)
         self.late.expected = program.replies_of(role)
+        self.late.ahead = Ahead(codec, protocol, context, receiver)
         self.reception = Reception(machine, on_frame)
         self.lanes = Lanes(machine, self.reception, model.lanes if model else ())
         self.on_bad: Callable[[BadFrame], None] | None = None
@@ -452,8 +454,9 @@ class Engine:
         """Do all that follows and takes no time; return the commands, in order. A nested call returns no command."""
         if self.is_busy:
             return []
-        ready, receiver, keeps_times = self.ready, self.receiver, self.lanes.keeps_times
-        if ready or receiver.has_unread or keeps_times:
+        ready, lanes = self.ready, self.lanes
+        receiver = self.receiver
+        if ready or receiver.has_unread or lanes.keeps_times:
             self.is_busy = True
             try:
                 self._settle(ready)
@@ -465,7 +468,7 @@ class Engine:
                 deadline = run.deadline
         if receiver.has_unread and self.reception.looked is not None:
             deadline = min(deadline, receiver.deadline)
-        if ready or self.lanes.keeps_times or self.late.items:
+        if ready or lanes.keeps_times or self.late.items:
             deadline = min(deadline, self._other_deadline())
         self.deadline = deadline
         commands = self.output.commands
@@ -515,7 +518,9 @@ class Engine:
 
     def _next_arrival(self) -> bool:
         """Handle the next arrival in the bytes at hand. Return False if there is no arrival yet."""
-        receiver, reception, machine = self.receiver, self.reception, self.machine
+        receiver = self.receiver
+        reception = self.reception
+        machine = self.machine
         order = machine.order
         if len(order) != 1 or (run := order[0]).plan is not reception.plan or run.state is not RECEIVING:
             reception.look_for()

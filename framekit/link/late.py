@@ -16,12 +16,14 @@ No request open: in step again, from every state. Sans-I/O: the engine calls the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterable
 from contextlib import suppress
+from itertools import islice
 from typing import Any
 
 from framekit.codec.errors import FrameError
 from framekit.definition.model.protocol import Protocol
+from framekit.link.ahead import Ahead
 from framekit.link.arrivals import BadFrame
 from framekit.link.awaited_replies import Replies
 from framekit.link.events import Exchange
@@ -89,7 +91,7 @@ class LateReplies:
     """Track the open requests of a line; decide about sending and storing."""
 
     __slots__ = (
-        "_greatest", "_is_stream", "_late", "_scope", "_served", "_table", "count", "expected", "heard_until",
+        "_greatest", "_is_stream", "_late", "_scope", "_served", "_table", "ahead", "count", "expected", "heard_until",
         "items", "last", "lost", "noisy", "numbered", "on_end", "on_wait", "open", "seen_at", "slow",
         "strange_since", "until", "within",
     )  # fmt: skip
@@ -113,6 +115,8 @@ class LateReplies:
         self.lost = 0
         """Number of requests that no reply came to up to the horizon, since the last late reply."""
         self.expected = NO_REPLIES
+        self.ahead: Ahead | None = None
+        """Reads the bytes after a reply; None: they are not read."""
         self.items: list[Callable[[], None]] = []
         """Frames sent without an exchange that wait for the end of the hold."""
         self.slow = SlowStations()
@@ -276,13 +280,14 @@ class LateReplies:
         Hold it before each exchange if open requests are too old by now, but their replies may wait in the port.
         """
         self.expire()
-        if any(one.ends <= self._scope.now for one in self.open):
+        if any(self._is_too_old(one, self._scope.now) for one in self.open):
             self.until = max(self.until, self._scope.now)
         if not self.open or x.may_repeat():
             return
         kind = None if x.request is None else x.request.frame
-        alike = [one.ends for one in self.open if kind is None or one.asked is None or one.asked.frame == kind]
-        self.until = max(self.until, *alike, 0)
+        for one in self.open:
+            if kind is None or one.asked is None or one.asked.frame == kind:
+                self.until, one.is_passed = max(self.until, one.ends), True
 
     def concerns(self, station: Any) -> bool:
         """Return whether the hold is for requests to this station too."""
@@ -336,7 +341,7 @@ class LateReplies:
         del self.open[:-MOST_OPEN]
         self.count = max(self.count, before.count)
         self.until, self.last = max(self.until, before.until), max(self.last, before.last)
-        self.within = max(self.within, before.within)
+        self.within, self.seen_at = max(self.within, before.within), max(self.seen_at, before.seen_at)
         for station, (lateness, at) in before._greatest.items():
             if lateness > self._greatest_of(station):
                 self._greatest[station] = lateness, at
@@ -429,6 +434,11 @@ class LateReplies:
             one.ends = max(one.ends, now + min(service + service // 4 + one.within, LONGEST))
         return service
 
+    def _may_be_of(self, request: OpenRequest, reply: FrameValue, station: Any) -> bool:
+        """Return whether a reply to a station may be the reply to an open request."""
+        is_other = self.expected.name_stations and request.station not in (None, station)
+        return not is_other and self._could_answer(reply, request)
+
     def _could_answer(self, reply: FrameValue, request: OpenRequest) -> bool:
         """Return whether a reply fits a request: it repeats everything that its definition says."""
         return self._table.repeats(reply, request.asked, request.sent, request.names)
@@ -437,7 +447,17 @@ class LateReplies:
         """Drop open requests that no reply is expected for any more."""
         now = self.heard_until
         if self.until <= now and any(one.ends <= now for one in self.open):
-            self._lose([one for one in self.open if one.ends <= now])
+            self._lose([one for one in self.open if self._is_too_old(one, now)])
+
+    def _is_too_old(self, request: OpenRequest, now: int) -> bool:
+        """Return whether no reply to an open request is expected any more.
+
+        The end of a request is not enough: a device may keep a reply until it is asked again, however long that takes.
+        So the reply to a later request has to be proved first; only after ten minutes no reply is expected at all.
+        """
+        if request.ends > now:
+            return False
+        return request.is_passed or now - request.ends >= FORGET or not self.expected.is_single
 
     def _lose(self, requests: list[OpenRequest]) -> None:
         """Drop open requests that no reply came to; a request that is met is not lost."""
@@ -445,6 +465,41 @@ class LateReplies:
         self.open = [one for one in self.open if one not in requests]
 
     # ---- may a reply be stored? ---------------------------------------------------------------------------
+
+    def note_excess(self, run: Run, x: Exchange, runs: Iterable[Run]) -> None:
+        """Note the further replies that have come together with the reply to an exchange.
+
+        A request has a single reply. So a reply that no open request and no other of the `runs` explains shows a
+        request that is not known any more, and each reply of this read may belong to it: an open request of unknown
+        kind. Something has come for it, so it counts as met.
+        """
+        expected, now, reply, ahead = self.expected, self._scope.now, x.taken, self.ahead
+        if reply is None or ahead is None or reply.frame not in expected.frames or not expected.is_single:
+            return
+        more = self.time(x.names, self.within)
+        if not more:
+            return
+        self.expire()
+        own = request_of(run, x)
+        waiting = [request_of(one, one.asked) for one in runs if one is not run and one.asked is not None]
+        known = [*self.open, *waiting]
+        names = tuple(name for name in self._table.on_line if name in expected.frames)
+        for value in islice(ahead.frames(names, now), MOST_OPEN):
+            found = next((one for one in known if self._explains(one, value, own, reply)), None)
+            if found is not None:
+                known.remove(found)
+                continue
+            fits_own = expected.name_stations and own.fits(value, self._table)
+            added = OpenRequest(None, None, self._scope, now, self.within)
+            added.is_foreign, added.is_met, added.station = True, True, own.station if fits_own else None
+            self._add(added)
+            added.number, self.until = run.first_open - 1, max(self.until, now + more)
+
+    def _explains(self, request: OpenRequest, value: FrameValue, own: OpenRequest, reply: FrameValue) -> bool:
+        """Return whether a further reply may be due to a request; equal requests of an exchange bring equal replies."""
+        if request.is_foreign or not request.fits(value, self._table):
+            return request.is_foreign
+        return not request.is_repeated_by(own) or value.raw == reply.raw
 
     def doubts(self, run: Run, x: Exchange, results: dict[str, Any]) -> int:
         """Return 0 if the reply to an exchange belongs to it, else until when to keep silent before it runs again.
@@ -457,7 +512,7 @@ class LateReplies:
         reply = x.taken
         if reply is None or not self.open:
             return self._believe(run)
-        others = [one for one in self.open if one.number < run.first_open and self._could_answer(reply, one)]
+        others = [one for one in self.open if one.number < run.first_open and self._may_be_of(one, reply, x.station)]
         if not others:
             return self._believe(run)
         now, within = self._scope.now, max(1, min(self.within, LONGEST))
@@ -480,10 +535,10 @@ class LateReplies:
         doubt.quickest = min(doubt.quickest, took)
         possible = min(len(others), 1 + 2 * (now - doubt.since) // within)
         if doubt.equal > possible:
-            return self._believe(run)
+            return self._believe(run, others)
         gathered, number = now - doubt.gathers_from, len(doubt.asks)
         if number > 3 and doubt.changes and gathered < within and took <= 2 * doubt.quickest + within // 50:
-            return self._believe(run)  # the value itself changes; each reply came at its usual time
+            return self._believe(run, others)  # the value itself changes; each reply came at its usual time
         if gathered < within and number < MOST_OPEN:
             doubt.extra = 0
             return now + silence(took, within)
@@ -508,13 +563,19 @@ class LateReplies:
             return False
         return self.seen_at < min(one.at for one in others) or all(one.is_met for one in others)
 
-    def _believe(self, run: Run) -> int:
+    def _believe(self, run: Run, others: Iterable[OpenRequest] = ()) -> int:
+        """Return 0: the reply belongs to the exchange, although it could be the reply to `others`."""
+        for one in others:
+            one.is_passed = True
         run.doubt = None
         return 0
 
     def _drain(self, run: Run, doubt: Doubt) -> int:
         """Stop asking until no reply to an open request is expected any more (`silent`)."""
         doubt.is_draining = True
+        for one in self.open:
+            if one.ends <= self._scope.now:
+                one.ends = self._scope.now + min(HORIZON * max(1, self.within), LONGEST)
         self._settle(doubt)
         run.first_open = self.count
         return self.until

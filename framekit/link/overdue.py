@@ -28,8 +28,8 @@ class OpenRequest:
     """A request whose reply has not come and may still come."""
 
     __slots__ = (
-        "asked", "at", "by_itself", "ends", "exchange", "frames", "is_foreign", "is_met", "names", "number", "sent",
-        "station", "within",
+        "asked", "at", "by_itself", "ends", "exchange", "frames", "is_foreign", "is_met", "is_passed", "names",
+        "number", "sent", "station", "within",
     )  # fmt: skip
 
     def __init__(
@@ -51,6 +51,8 @@ class OpenRequest:
         """Whether a SEND block or a program sent it, without an exchange."""
         self.is_met = False
         """Whether its reply has come, presumably: a reply that could not be used, or the reply to a later request."""
+        self.is_passed = False
+        """Whether the reply to a later request, which could have been its own, has been proved."""
         self.is_foreign = False
         """Whether an engine of another protocol sent it: every frame may be its reply, and no frame closes it."""
 

@@ -147,6 +147,11 @@ class Receiver:
         self._marks = self._bad_frames.marks = Marks(self.stream) if on else None
         self._is_simple = self._delimiter is None and not on
 
+    @property
+    def hears_marks(self) -> bool:
+        """Return whether the line reports the ninth bits of characters."""
+        return self._marks is not None
+
     # ---- bytes in -----------------------------------------------------------------------------------------
 
     def append(self, data: bytes, now: int, faults: Iterable[CharacterFault] = ()) -> None:
@@ -310,7 +315,8 @@ class Receiver:
         Until the next call, `other_reading` can read the bytes of the frame differently. With `found`, all arrivals are
         added to it. A usual frame is read by its row; every other position is looked at with care.
         """
-        stream, noise, starting, names = self.stream, self._noise.data, frames.starting, self._names
+        stream, noise = self.stream, self._noise.data
+        starting, names = frames.starting, self._names
         self._frames, self.waiting = frames, ()
         while True:
             buffer, place = stream.buffer, stream.position

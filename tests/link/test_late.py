@@ -276,6 +276,67 @@ def test_both_replies_in_one_piece() -> None:
     assert side.values == [[11]] and len(side.sent) == 3 and side.late == 1
 
 
+ONE_PLACE = ("R1", "R2", REGISTERS), ("40001", "40002", "modbus-rtu")
+
+
+@pytest.mark.parametrize(("first", "second", "protocol"), ONE_PLACE)
+def test_a_request_cannot_have_two_replies(first: str, second: str, protocol: str) -> None:
+    """The first reply in the read belongs to a request that is not known: it is asked again until two are equal."""
+    side = Side(protocol)
+    other = Side(protocol)
+    other.read(first, 11)
+    side.read(second, 22)
+    side.come(other.replies[0] + side.replies[0])
+    assert side.values == []
+    for number in (1, 2):
+        side.until(side.now + 1100 * MS)
+        assert len(side.sent) == number + 1 and side.values == []
+        side.reply(number)
+    assert side.values == [[22]]
+
+
+@pytest.mark.parametrize("more", [b"\0", b"\x03\x03", "begun", "damaged"])
+def test_noise_and_what_is_no_frame_after_a_reply_make_no_doubt(more: Any) -> None:
+    side = Side("modbus-rtu")
+    side.read("40001", 11)
+    whole = side.replies[0]
+    parts = {"begun": whole[:-1], "damaged": whole[:-1] + bytes([whole[-1] ^ 1])}
+    side.come(whole + parts.get(more, more))
+    assert side.values == [[11]] and len(side.sent) == 1
+
+
+def test_a_repeated_request_explains_an_equal_reply_and_no_other() -> None:
+    for second, stored in ((11, [[11]]), (12, [])):
+        side, other = Side("modbus-rtu", retries=1), Side("modbus-rtu")
+        other.read("40001", second)
+        side.read("40001", 11)
+        side.until(1100 * MS)
+        assert len(side.sent) == 2
+        side.come(side.replies[0] + other.replies[0])
+        assert side.values == stored
+
+
+def test_a_request_is_open_until_a_later_reply_is_proved_however_long_that_takes() -> None:
+    side = Side("modbus-rtu", retries=0)
+    side.read("40001", 11)
+    side.until(30 * SECOND)
+    side.read("40002", 22)
+    side.reply(0)
+    assert side.values == ["no_reply"]
+    side.until(side.now + 10 * MS)
+    side.reply(1)
+    for number in range(2, 5):
+        side.until(side.now + SECOND)
+        if len(side.sent) > number:
+            side.reply(number)
+    assert side.values == ["no_reply", [22]]
+    sent = len(side.sent)
+    side.until(side.now + 30 * SECOND)
+    side.read("40001", 33)
+    side.reply(sent)
+    assert side.values[-1] == [33] and len(side.sent) == sent + 1
+
+
 @pytest.mark.parametrize("when", [500 * MS, SECOND])
 def test_a_late_reply_may_come_after_the_port_was_lost_and_opened_again(when: int) -> None:
     """A gateway sends what its serial line brings to the connection that is open then."""

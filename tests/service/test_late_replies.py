@@ -101,6 +101,29 @@ def check_procedure(name: str, count: int) -> None:
     assert world.outcomes["ok"] >= 0.6 * count, world.outcomes
 
 
+KEPT = list(product(("modbus-rtu", "modbus-ascii", "mldp"), (0, 1, 2), (0.05, 0.15), (False, True), (False, True)))
+
+
+@pytest.mark.parametrize(("name", "retries", "rate", "in_pieces", "loses"), spread(KEPT, 3))
+def test_replies_that_are_kept_until_the_next_one(
+    name: str, retries: int, rate: float, in_pieces: bool, loses: bool
+) -> None:
+    """A client that makes a pause after a failure, longer than replies are waited for; whole replies, or bytes."""
+    rules = [FaultRule(kind="glue", rate=rate)]
+    rules += [FaultRule(kind="no_reply", rate=0.1)] if loses else []
+    rules += [FaultRule(kind="split", size=1)] if in_pieces else []
+    glued = 0
+    for seed in (1, 2, 3):
+        world = LateWorld(name, *rules, seed=seed, retries=retries, reply_timeout=400 * MS)
+        for _ in range(40):
+            if world.exchange() != "ok":
+                world.clock.run_for(10 * SECOND)
+        assert world.wrong == []
+        assert world.outcomes["ok"] >= 24, world.outcomes
+        glued += world.injected["glue"]
+    assert glued > 0
+
+
 def test_a_reply_may_be_later_than_two_reply_times_where_the_line_is_told_so() -> None:
     late = FaultRule(kind="delay", time=3 * 100 * MS, rate=1 / 50)
     world = LateWorld("modbus-rtu", late, retries=0, reply_timeout=100 * MS, late_reply=400 * MS)

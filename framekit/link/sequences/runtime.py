@@ -211,7 +211,10 @@ class Machine:
             wait = level.generator.send(value)
         except StopIteration as end:
             result = end.value
-            if level is run.top and level.caller is None and type(result) is dict and not self.late.open:
+            if (
+                level is run.top and level.caller is None and type(result) is dict
+                and not (self.late.open or self.receiver.has_unread)
+            ):  # fmt: skip
                 self.finish(run, None, result)
                 return True
             return run.state is DONE or self._go_on(run, *self._left(run, level, result), due)
@@ -345,7 +348,8 @@ class Machine:
         if level is not run.top:
             self._abandon_above(run, level)
         caller = level.caller
-        if self.late.open and type(result) is dict and self._is_doubted(run, level, result):
+        is_certain = not (self.late.open or self.receiver.has_unread)
+        if not is_certain and type(result) is dict and self._is_doubted(run, level, result):
             return None, None
         if caller is None:
             if type(result) is dict:
@@ -367,6 +371,8 @@ class Machine:
         is_exchange = level.nested or (level.caller is None and run.doing == "exchange")
         if not is_exchange or not level.x.checks_echo:
             return False
+        if self.receiver.has_unread:
+            self.late.note_excess(run, level.x, self.order)
         until = self.late.doubts(run, level.x, results)
         if not until:
             return False
