@@ -127,14 +127,14 @@ def test_a_run_that_is_used_again_brings_nothing_from_its_first_exchange() -> No
     side = Side(SIDE_BY_SIDE, "client")
     side.ask(run="first")
     side.gets(b"\x02")  # half a frame, until the time is up
-    side.run(10 * SECOND)  # no reply is late any more
+    side.run(11 * 60 * SECOND)  # no reply is late any more
     (run,) = side.engine.machine.order
     assert (side.outcomes[-1].outcome, side.outcomes[-1].cause) == (
         "timeout", "a frame began and was not completed in time",
     )  # fmt: skip
     side.ask(run="first")
     assert side.engine.machine.order == (run,), "its place in the order is kept"
-    side.run(10 * SECOND)
+    side.run(11 * 60 * SECOND)
     assert (side.outcomes[-1].outcome, side.outcomes[-1].cause) == ("timeout", "nothing came in time")
     side.ask(run="first")
     side.gets(b"\x02\x07")
@@ -191,7 +191,7 @@ def replied(side: Side, reply: bytes, pause: int) -> bool:
     side.gets(reply[:1])
     side.run(pause)
     side.gets(reply[1:])
-    side.run(10 * SECOND)  # so that no reply is late any more
+    side.run(11 * 60 * SECOND)  # so that no reply is late any more
     return [outcome.ok for outcome in side.outcomes[before:]][-1]
 
 

@@ -443,5 +443,5 @@ def test_settings_of_a_device_that_are_wrong_come_at_once() -> None:
     assert [str(problem).partition(" – ")[0] for problem in caught.value.problems] == [
         "--param speed=1: 'mldp' has no parameter 'speed'",
         "--role master: there is no role 'master'",
-        "--station 1,999: station 999 is not in 0..255",
+        "--station 1,999: station 999 is not in 0..31",
     ]
