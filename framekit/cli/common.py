@@ -378,16 +378,28 @@ def period_of(text: str | None) -> int:
     return period
 
 
-def begin_log(level: str | None) -> None:
-    """Send the log of framekit to standard error, except reports of troubles, which are printed; None: no log."""
-    if level is not None:
-        import logging
+LOG_OF_A_VERB = "log of a verb"
+"""Name of the handler of the log."""
 
+
+def begin_log(level: str | None) -> None:
+    """Send the log of framekit to standard error, except reports of troubles, which are printed; None: no log.
+
+    The log of an earlier verb of this process ends.
+    """
+    if level is None and "logging" not in sys.modules:
+        return
+    import logging
+
+    logger = logging.getLogger("framekit")
+    for earlier in [one for one in logger.handlers if one.name == LOG_OF_A_VERB]:
+        logger.removeHandler(earlier)
+    if level is not None:
         handler = logging.StreamHandler(sys.stderr)
+        handler.name = LOG_OF_A_VERB
         handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)-7s %(name)s: %(message)s"))
         handler.addFilter(lambda record: not getattr(record, "is_report", False))
-        logger = logging.getLogger("framekit")
-        logger.handlers[:] = [one for one in logger.handlers if isinstance(one, logging.NullHandler)] + [handler]
+        logger.addHandler(handler)
         logger.setLevel(level.upper())
 
 

@@ -159,6 +159,8 @@ def test_the_log_is_silent_unless_asked_for(capsys: pytest.CaptureFixture[str]) 
     begin_log("info")
     logging.getLogger("framekit.service.driver").info("port lost")
     assert "INFO    framekit.service.driver: port lost" in capsys.readouterr().err
+    begin_log(None)
+    assert logger.handlers == before, "the log of an earlier verb ends"
 
 
 @pytest.mark.usefixtures("small_heap")
