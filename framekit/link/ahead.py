@@ -20,9 +20,9 @@ class Ahead:
         """Made when it is needed first: most replies come alone."""
 
     def frames(self, names: tuple[str, ...], now: int) -> Iterator[FrameValue]:
-        """Return the good frames, of `names`, after the last frame that the receiver handed over.
+        """Yield the good frames named in `names` that follow the last frame of the receiver.
 
-        An unfinished frame is none, nor is a frame that only a silence ends.
+        Unfinished frames, and frames that only a silence ends, are left out.
         """
         first, second = self._receiver, self._second
         if second is None:
