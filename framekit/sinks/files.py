@@ -9,7 +9,7 @@ import json
 import os
 import re
 from abc import abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar, Literal
@@ -301,10 +301,15 @@ def stamp_of(time: str) -> str:
 
 def name_with(path: Path, stamp: str) -> Path:
     """Return an unused file name that contains the stamp."""
-    found, number = path.with_name(f"{path.stem}.{stamp}{path.suffix}"), 1
+    return unused(lambda number: path.with_name(f"{path.stem}.{stamp}{number}{path.suffix}"))
+
+
+def unused(path_of: Callable[[str], Path]) -> Path:
+    """Return the first of the paths `path_of('')`, `path_of('.2')`, `path_of('.3')` … that does not exist."""
+    found, number = path_of(""), 1
     while os.path.lexists(found):
         number += 1
-        found = path.with_name(f"{path.stem}.{stamp}.{number}{path.suffix}")
+        found = path_of(f".{number}")
     return found
 
 

@@ -21,7 +21,7 @@ from framekit.definition.problems import error_text, plural
 from framekit.run.model import Point
 from framekit.run.points import PointValue
 from framekit.sinks.base import FILE, Sampled, Sink, SinkKind, good_value, not_installed, value_type
-from framekit.sinks.files import LinesFile, begins_like, keep_newest, name_with, stamp_of
+from framekit.sinks.files import LinesFile, begins_like, keep_newest, name_with, stamp_of, unused
 from framekit.sinks.opened_file import CUT
 
 ROWS = ".rows"
@@ -128,7 +128,7 @@ class ParquetSink(LinesFile):
             try:
                 self._convert(rows, target)
             except UNCONVERTIBLE as error:
-                aside = _unused(rows.with_suffix(".damaged"))
+                aside = unused(lambda number: rows.with_suffix(f".damaged{number}"))
                 rows.rename(aside)
                 self._lose(f"the rows in {aside} cannot be converted: {error_text(error)}")
                 return aside
@@ -201,15 +201,6 @@ class ParquetSink(LinesFile):
             raise OSError(error.errno, f"the last rows wait for the next run: {error_text(error)}") from error
         finally:
             super().close()
-
-
-def _unused(path: Path) -> Path:
-    """Return the path, or one with a number if it exists."""
-    found, number = path, 1
-    while os.path.lexists(found):
-        number += 1
-        found = path.with_name(f"{path.name}.{number}")
-    return found
 
 
 def write_parquet(lines: Path | int, target: Path) -> None:
