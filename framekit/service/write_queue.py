@@ -5,6 +5,8 @@ Captures, and the standard streams of verbs at work, use it. The number of waiti
 
 from __future__ import annotations
 
+import signal
+import sys
 import threading
 import time
 from collections import deque
@@ -131,6 +133,8 @@ class WriteQueue:
     # ---- the thread -----------------------------------------------------------------------------------------
 
     def _run(self) -> None:
+        if sys.platform != "win32":  # the main thread takes all signals: only it can close what their handlers use
+            signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
         try:
             while records := self._next():
                 self._write(records, self._records_in_write)
