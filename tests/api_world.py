@@ -49,7 +49,7 @@ def pymodbus_server() -> Iterator[str]:
 
 
 class SlowServer:
-    """Takes requests of 8 bytes and answers each with what the test gives it, when the test gives it."""
+    """Accept requests of 8 bytes; send each reply only when the test puts it into `replies`."""
 
     def __init__(self) -> None:
         self.requests: asyncio.Queue[bytes] = asyncio.Queue()

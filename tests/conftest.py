@@ -1,4 +1,4 @@
-"""What holds for every test: none is timed, and the short ones have few generated examples; what was loaded is kept."""
+"""Configure all tests: no time limits, few examples in short tests, and a cache of the loaded shipped definitions."""
 
 import gc
 import os
@@ -56,7 +56,10 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
 
 @pytest.fixture
 def small_heap(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """What the tests before have kept is left out of the collections of this one, which take a second each with it."""
+    """Exclude the objects that earlier tests keep alive from the garbage collections of this test.
+
+    Each collection takes a second with them.
+    """
     unfreeze = gc.unfreeze
     gc.freeze()
     monkeypatch.setattr(gc, "unfreeze", gc.freeze)  # what the test leaves out of them stays so until its end
@@ -70,7 +73,7 @@ os.environ.setdefault(LOOP_VARIABLE, "asyncio")
 
 @pytest.fixture(scope="module", params=["asyncio", "uvloop"])
 def each_loop(request: pytest.FixtureRequest) -> Iterator[str]:
-    """Run the tests of a module in both event loops; those in uvloop are skipped where it is not installed."""
+    """Run the tests of a module in both event loops; skip uvloop if it is not installed."""
     library: str = request.param
     pytest.importorskip(library)
     with pytest.MonkeyPatch.context() as patch:
@@ -84,6 +87,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def minutes_of(item: pytest.Item) -> float:
-    """About how long a test takes, where it says so: `long(minutes=1)`."""
+    """Return the expected duration of a long test in minutes, from its marker `long(minutes=1)`."""
     long = item.get_closest_marker("long")
     return 0 if long is None else long.kwargs.get("minutes", 0.1)

@@ -1,4 +1,4 @@
-"""What must hold for every definition that `check` takes, whatever it is made of."""
+"""Invariants of every definition that `check` accepts, tested on definitions of any content."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Trial:
         return data
 
     def told(self, *what: str) -> bool:
-        """Whether `check` has one of these errors to tell of the frames together."""
+        """Return whether a matrix error of `check` contains one of these texts."""
         problems = [problem.what for problem in check_matrices(self.protocol) if not problem.warning]
         return any(one in problem for one in what for problem in problems)
 
@@ -85,7 +85,10 @@ class Trial:
         return None
 
     def built_of_all(self, error: EncodeError, data: bytes) -> bytes:
-        """What is worked out in a circle has to be given in generated code; with all values it builds the same."""
+        """Accept an error of generated code only for values that depend on each other.
+
+        Decoding gives all values; with them, generated code must build the same bytes. Return `data`.
+        """
         named = "is missing" in str(error) or "cannot be worked out" in str(error)
         assert named, f"only generated code refuses {self.values}: {error}"
         self.goes_round = True
@@ -127,7 +130,7 @@ class Trial:
         assert fault is None and found == fields, f"{fault}, {found} is not {fields}"
 
     def damaged(self, data: bytes) -> None:
-        """Nothing but the codec's own error, the same from both, and from the careful reading."""
+        """Assert that both codecs and `trace` decode the damaged frame alike or raise the same frame error."""
         first, second = read(self.codec, data), read(self.reference, data)
         found, _, fault = self.codec.trace("f", data)
         traced = found if fault is None else (fault.cause, fault.refuse)
@@ -144,7 +147,10 @@ class Trial:
     # ---- measuring ----------------------------------------------------------------------------------------
 
     def measure(self, data: bytes) -> None:
-        """Whole, byte by byte with what was seen before as a receiver asks, and with more behind."""
+        """Assert that `measure` is right for the whole frame, for every prefix, and with further bytes after the frame.
+
+        Prefixes are measured like a receiver does: with the length that earlier calls have already seen.
+        """
         codec = self.codec
         whole = codec.measure("f", data)
         if codec.QUIET < whole < 0:
@@ -184,7 +190,7 @@ class Trial:
         return feed(receiver, pieces, ("f",))
 
     def together(self, data: bytes) -> None:
-        """Many frames at once are what they are one by one."""
+        """Assert that decoding several frames in a batch gives the same results as decoding each alone."""
         frames = [data, damaged(data, self.random), data]
         found = BatchDecoder(self.codec, "f").decode(Cut.of(frames))
         for one, there in zip(frames, found, strict=True):
@@ -211,7 +217,7 @@ def read(codec: Codec | ConstructCodec, data: bytes) -> Any:
 
 
 def same(one: Any, other: Any) -> bool:
-    """Whether two results are the same; what is no number, as in a damaged float, is no less so."""
+    """Return whether two results are equal; NaN, as in a damaged float, equals NaN."""
     return bool(one == other) or repr(one) == repr(other)
 
 

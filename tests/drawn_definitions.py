@@ -1,7 +1,7 @@
-"""Definitions made up at random, out of every kind of segment with every key, and values that may fit them.
+"""Random definitions of segments of every kind with every key, and values that may fit them.
 
-`DRAWN` has one function for every kind; a test compares it and what the functions write with the schema, so that a new
-kind or key takes part. What is drawn may be nonsense: then `check` has to refuse it.
+`DRAWN` has one function for every kind. A test compares it, and the keys that the functions write, with the schema, so
+that no new kind or key is forgotten. A drawn definition may be senseless; `check` must refuse it then.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ MORE_NUMBERS = (
     "either(§, 2)", "limit", "§ + level", "number(digits(§ & 15, 2), 16)", "rotl8(§ & 255, 1)", "span(§ & 7, 3)",
     "sum([§, §])", "[§, 2][0]", "find_last(names, 5)", "[§, 3, 1][1]", "1 if ¤ == none() else 2",
 )  # fmt: skip
-"""Drawn only where `more` is asked for: parameters, state, functions, lists, what is nothing."""
+"""Names that are only used with `more`: parameters, state, functions, lists, absent values."""
 SIZES = ("§", "§", "§ & 3", "§ - 1", "min(§, 4)", "2", "§ // 2", "2 * §")
 BYTES = (0x10, 0x41, 0x03, 0x05, 0x00, 0xFF, 0x30, 0x7E)
 PARAMS = {"limit": {"type": "number", "default": "2", "range": "0..9"}}
@@ -105,7 +105,7 @@ SEALED = {"code": f"aes({AES_KEYS[0]}, (data + xor({IV}, {AES_KEYS[1]}))[-16:])"
 
 
 class Scope:
-    """Names that expressions may read here: numbers, and anything that has a length; `outer` is what is around."""
+    """Names that an expression may use: numbers, and values that have a length. `outer` is the enclosing scope."""
 
     def __init__(self, outer: Scope | None = None) -> None:
         self.outer = outer
@@ -119,11 +119,11 @@ class Scope:
 
 
 class DrawnDefinition:
-    """`text` is a protocol whose frame `f` has some random segments, `values` what it may be built from.
+    """Draw a protocol whose frame `f` has random segments: `text`; `values` are values to build the frame from.
 
-    `used` are the kinds and keys in it. `kinds`: those that are to be there. Expressions may name what comes later.
-    `more`: also parameters, state, and further functions and keys, so that other definitions come of the same seed.
-    `alike`: every record, item, inner frame and case has the same names as the others.
+    `used` are the kinds and keys in the text; `kinds` are the kinds that must occur. Expressions may use names that are
+    declared later. `more` also draws parameters, state and further functions and keys, so the same seed gives another
+    definition. `alike` gives every record, item, inner frame and case the same names.
     """
 
     def __init__(
@@ -374,7 +374,7 @@ def field(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: i
 
 
 def text_number(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], segment: dict[str, Any]) -> Segments:
-    """A field that text shows, and behind one that ends before a byte that byte."""
+    """Return a numeric text field; after a field that ends before a delimiter, also return the delimiter."""
     name, random = segment["field"], drawn.apart
     kind, choice = random.choice(TEXT_TYPES)
     segment |= kind
@@ -703,7 +703,7 @@ def coded(drawn: DrawnDefinition, segment: dict[str, Any], scope: Scope) -> Segm
 
 
 def ciphered(drawn: DrawnDefinition, segment: dict[str, Any], scope: Scope) -> Segments:
-    """The wrap with a cipher, behind a length, or up to the end of its region."""
+    """Wrap the segment with a cipher; its size comes from a length field or is the rest of the region."""
     segment["wrap"] = drawn.keyed.choice(CIPHERS) | {"key": drawn.keyed.choice(AES_KEYS), "iv": IV}
     if drawn.keyed.random() < 0.3:
         return [segment]
@@ -751,7 +751,10 @@ def check(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: i
 
 
 def beside_what_stands(drawn: DrawnDefinition, check: dict[str, Any], scope: Scope) -> None:
-    """What else a check may say of what it covers: bytes that are not on the wire, wraps as they stand there."""
+    """Add optional keys to a check code.
+
+    These are `wire`, whether wraps are covered as encoded, and bytes that are covered but not transmitted.
+    """
     if drawn.apart.random() < 0.3:
         check["wire"] = drawn.apart.choice(["yes", "yes", "no"])
     if drawn.apart.random() < 0.3:

@@ -25,7 +25,10 @@ def write_device(folder: Path, name: str, values: str = "11, 12, 13, 14", more: 
 
 
 class Bench:
-    """`names`: what the resolver knows; None for a name it cannot be asked for."""
+    """A run service on a virtual clock with a scripted resolver.
+
+    `names` maps each host name to its addresses, or to None if the resolver is busy and cannot take the query.
+    """
 
     def __init__(self, run: Path, names: dict[str, list[str] | None] | None = None) -> None:
         self.clock = VirtualClock()

@@ -1,4 +1,4 @@
-"""A job table with nobody behind it: connections and transfers end when a test says so; all that happens is noted."""
+"""A job table without a network: the test ends connections and transfers, and `notes` records every event."""
 
 from __future__ import annotations
 
@@ -26,7 +26,10 @@ def place(text: str) -> OwnPlace:
 
 
 class JobWorld:
-    """`notes`: what was written, in order. `takes`: how long (ns) a transfer takes; None: until the test ends it."""
+    """The host of a job table.
+
+    `notes` are the written events in order. `takes` is the duration of a transfer in ns; None: the test ends transfers.
+    """
 
     def __init__(self, profile: JobProfile | None = None, takes: int | None = None) -> None:
         self.table = JobTable(profile or load_job_profile("ge-channels"), self)

@@ -20,13 +20,16 @@ def lose(transmission: Transmission, index: int) -> None:
 
 
 def insert(transmission: Transmission, index: int, data: bytes) -> None:
-    """Adds characters before `index` (`len(data)`: behind the last); what follows comes later."""
+    """Insert characters before `index` (`len(data)`: after the last character) and shift the faults after it."""
     _shift(transmission, index, len(data))
     transmission.data[index:index] = data
 
 
 def _shift(one: Transmission, start: int, by: int) -> None:
-    """What stands at `start` and behind moves by `by` characters; of what is moved over, only pauses remain."""
+    """Shift the faults and pauses from `start` on by `by` characters.
+
+    If characters are removed, their faults are dropped and their pauses are kept.
+    """
     gone = range(start + by, start)
     one.faults = {i + by * (i >= start): fault for i, fault in one.faults.items() if i not in gone}
     one.flips = {i + by * (i >= start): flips for i, flips in one.flips.items() if i not in gone}
@@ -37,12 +40,12 @@ def _shift(one: Transmission, start: int, by: int) -> None:
 
 @dataclass(slots=True)
 class Faults:
-    """A fault for `SimulatedLine.fault`. Rates are probabilities from 0 to 1.
+    """A fault for `SimulatedLine.fault`; rates are probabilities from 0 to 1.
 
-    `bit_errors` is for each bit on the wire (data, parity, stop), `byte_errors` for each character (another one comes
-    out); `drop`, `truncate` and `extra` are for each transmission: nobody hears it, its end is missing, up to
-    `longest_extra` characters of noise follow it. `delay` is the longest time (ns) by which one is held up; `echo`
-    lets the sender hear what it sends. `injected` counts what has been done, by the name of the field.
+    `bit_errors` applies to each bit on the wire (data, parity, stop), `byte_errors` to each character, which is
+    replaced by another character. `drop`, `truncate` and `extra` apply to each transmission: it is lost, its end is cut
+    off, or up to `longest_extra` characters of noise follow it. `delay` is the longest delay of a transmission in ns.
+    `echo` lets the sender receive its own transmission. `injected` counts the faults by field name.
     """
 
     bit_errors: float = 0.0

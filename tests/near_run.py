@@ -1,4 +1,4 @@
-"""A run of one file beside a device file, on simulated time: what tests of running runs begin with."""
+"""Start a run of one run file and one device file on simulated time."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from framekit.transport.clock import VirtualClock
 
 
 def started(folder: Path, run: str, device: str, clock: VirtualClock) -> RunService:
-    """The run in `run`, started; `device` stands in `there.device.yaml` beside it."""
+    """Start the run `run` and return its service; `device` is written to `there.device.yaml` in the same folder."""
     (folder / "r.run.yaml").write_text(run, encoding="utf-8")
     (folder / "there.device.yaml").write_text(device, encoding="utf-8")
     service = RunService(load_run(folder / "r.run.yaml"), clock)

@@ -47,6 +47,6 @@ async def pty_device(folder: Path, text: str, line: LineFormat) -> AsyncIterator
 
 
 async def at_work(peer: Callable[..., None], *arguments: Any) -> None:
-    """Runs what blocks in a thread of its own. Raises what it raises, and TimeoutError."""
+    """Run a blocking function in its own thread. Raises its exceptions, and TimeoutError after `WAIT` seconds."""
     async with asyncio.timeout(WAIT):
         await asyncio.to_thread(peer, *arguments)

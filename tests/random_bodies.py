@@ -1,4 +1,4 @@
-"""Random frame bodies with values that fit them: segments put together as nobody would think of."""
+"""Random frame bodies with values that fit them: unusual combinations of segments."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ BYTES = (0x10, 0x41, 0x03, 0x05, 0x00, 0xFF)
 
 
 class RandomBody:
-    """`text` is the body in YAML, `values` what it is built from, `layouts` the layouts it includes."""
+    """Draw a random frame body.
+
+    `text` is the body in YAML, `values` are the values to build it from, `layouts` are the layouts it includes.
+    """
 
     def __init__(self, seed: int) -> None:
         self.random = Random(seed)
@@ -175,7 +178,7 @@ class RandomBody:
         return f"{{include: {name}, as: {name}}}"
 
     def _end(self) -> str:
-        """What may stand at the end only: something up to the end, and a check."""
+        """Return segments that are only allowed at the end: an open-ended segment, a check code, or both."""
         end, name = self.random.random(), self._name("e")
         text = ""
         if end < 0.2:

@@ -15,7 +15,7 @@ EXAMPLES = FRAMES.parent / "examples"
 
 
 def example_runs() -> list[Path]:
-    """The run files of `examples/` that belong to the repository: users of the README put their own beside them."""
+    """Return the run files of `examples/` that are tracked by git, without the files that users of the README add."""
     listed = subprocess.run(["git", "ls-files", "-z", "*.run.yaml"], cwd=EXAMPLES, capture_output=True, text=True)
     names = [name for name in listed.stdout.split("\0") if name]
     return sorted(EXAMPLES / name for name in names) or sorted(EXAMPLES.glob("**/*.run.yaml"))

@@ -1,4 +1,4 @@
-"""Small protocols for tests of single segments: segments in YAML as the frame `f`, and what stands beside it."""
+"""Small protocols for tests of single segments: the frame `f` with the given YAML body, and further sections."""
 
 from __future__ import annotations
 
@@ -19,5 +19,5 @@ def small_protocol(body: str, *sections: str, keys: str = "", order: str = "big"
 
 
 def small_codec(body: str, *sections: str, keys: str = "", order: str = "big") -> ConstructCodec:
-    """The constructs of such a protocol."""
+    """Return the construct codec of a small protocol."""
     return compile_construct(small_protocol(body, *sections, keys=keys, order=order))

@@ -1,4 +1,4 @@
-"""What the short tests try of a large matrix: a sample, spread over all of it. The long tests try the whole."""
+"""Select samples of a large test matrix: short tests run an evenly spread sample, long tests run the whole matrix."""
 
 from __future__ import annotations
 

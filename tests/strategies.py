@@ -1,7 +1,7 @@
-"""Hypothesis strategies that make valid values of a frame from its model, and a context to go with them.
+"""Hypothesis strategies that draw valid values of a frame from its model, together with a context.
 
-What is computed is left out. Values respect types, limits, tables, sizes, `where`, conditions and the cases of choices;
-where a condition is too involved to be aimed at, several tries are made before an example is given up.
+Computed values are left out. The drawn values respect types, limits, tables, sizes, `where`, conditions and the cases
+of choices. If a condition is too complex to be solved, several attempts are made before an example is discarded.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ class FrameValues:
         return made()
 
     def _can_be_built(self, name: str, values: dict[str, Any], context: dict[str, Any]) -> bool:
-        """Whether what is computed fits, too: lengths and sums of what was made may come out too large."""
+        """Return whether the frame can be encoded; computed lengths and sums may exceed their type."""
         try:
             self.codec.encode(name, values, context)
         except EncodeError:

@@ -1,6 +1,7 @@
-"""What the conditions of a record say about its fields: bounds, values that are allowed or not, letters at a place.
+"""Extract hints about fields from the conditions of a record.
 
-Only simple comparisons are understood; for the others generated values have to be tried.
+A hint is a bound, a set of allowed or forbidden values, or the letters at an offset. Only simple comparisons are
+analyzed; for other conditions, the strategies must try values.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ _MIRRORED = {"<": ">", "<=": ">=", ">": "<", ">=": "<=", "==": "==", "!=": "!="}
 
 @dataclass
 class Hints:
-    """What is known about one field. `letters`: place in the text → (allowed, not allowed)."""
+    """Constraints of one field. `letters` maps an offset in the text to (allowed, forbidden) letters."""
 
     least: int | None = None
     most: int | None = None

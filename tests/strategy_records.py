@@ -68,7 +68,10 @@ class _Record:
         return None if self.failed or not self._holds() else self.given
 
     def _in_order(self, segments: tuple[Segment, ...]) -> list[Segment]:
-        """Now and then optional fields first: what is given first decides which others are there."""
+        """Return the segments, sometimes with an optional field moved to the front.
+
+        The value given first decides which other optional fields are present.
+        """
         fields = [item for item in segments if isinstance(item, model.Field) and item.when and item.default]
         if fields and self.draw(st.booleans()):
             first = self.draw(st.sampled_from(fields))
@@ -127,7 +130,7 @@ class _Record:
         return found
 
     def evaluate(self, node: Node) -> Any:
-        """The value of an expression on what is given so far; UNKNOWN if it has none yet."""
+        """Return the value of an expression for the values given so far, or UNKNOWN if it cannot be evaluated yet."""
         try:
             return self.filling().evaluate(Expression("", node))
         except (MissingName, Circular, *EVALUATION_ERRORS):
@@ -298,7 +301,7 @@ class _Record:
         return self.maker.bytes(size)
 
     def _suiting(self, data: model.Data, found: bytes) -> Any:
-        """Bytes of the size that follows from giving `found`, where the size depends on what is given."""
+        """Return bytes of the computed size, if their size depends on the bytes themselves."""
         for _ in range(TRIES if isinstance(data.size, Expression) else 0):
             self.given[data.name] = found
             wanted = self.evaluate(data.size.root) if isinstance(data.size, Expression) else UNKNOWN
@@ -368,7 +371,7 @@ class _Record:
         alike: list[str],
         words: dict[str, Any],
     ) -> Any:
-        """An item; one that agrees with the first where it has to, if that can be had."""
+        """Return an item; if possible, an item that agrees with the first in the names `alike`."""
         for _ in range(TRIES):
             record = _Record(self.maker, plan, of, self.filling())
             record.words = words

@@ -50,7 +50,7 @@ class Values:
         return data
 
     def number(self, least: int, most: int) -> int:
-        """A number; mostly a small one, so that what it counts stays small."""
+        """Draw a number; mostly a small number, so that lists and data counted by it stay short."""
         near = min(most, least + 12)
         if self.small:
             near = min(most, least + 3)
@@ -106,7 +106,7 @@ def floats(type_: FieldType) -> st.SearchStrategy[float]:
 
 
 def span_of(type_: FieldType, size: int | None) -> tuple[int, int]:
-    """The least and greatest number of a type; `size` where that is computed."""
+    """Return the smallest and largest number of a type; `size` is its size if that is computed."""
     size = type_.fixed_size if size is None else size
     assert size is not None or type_.is_delimited
     if type_.kind == "digits":

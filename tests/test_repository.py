@@ -1,4 +1,4 @@
-"""Rules that hold for the whole repository: no protocol's name in the code, and every module says what it is for."""
+"""Rules for the whole repository: the code names no protocol, and every module has a docstring."""
 
 from __future__ import annotations
 

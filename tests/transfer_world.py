@@ -1,7 +1,7 @@
-"""Mixed transfers of a client against our own server on the bit-exact line, with a ledger of what must be where.
+"""Mixed transfers between a client and our server on the bit-exact line, with a ledger of the expected memory content.
 
-Every transfer must end: with the right data, or reported as failed. A failed write leaves its places unknown until
-the next good one; everything else is compared, on both sides.
+Every transfer must end: with the right data, or reported as failed. After a failed write, the content of its addresses
+is unknown until the next successful write; all other addresses are compared on both sides.
 """
 
 from __future__ import annotations

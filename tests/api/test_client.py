@@ -56,7 +56,7 @@ def test_reads_and_writes(simulated: str) -> None:
 
 
 def test_frames_with_a_check_code_before_their_end_constant_are_read_by_what_is_in_them(tmp_path: Path) -> None:
-    """A reply in several frames, each ended by `check, *, CR` or `check, CR`; the bytes beside it are the data."""
+    """Read a reply in several frames, each ended by `check, *, CR` or `check, CR`; the rest of each frame is data."""
     protocol = tmp_path / "host-link.yaml"
     protocol.write_bytes((Path(__file__).parents[1] / "data" / protocol.name).read_bytes())
     device = tmp_path / "d.device.yaml"
@@ -315,7 +315,7 @@ def reply_of(word: int) -> bytes:
 
 
 def test_a_cancelled_read_leaves_the_line_in_order() -> None:
-    """The late reply to what was cancelled fits the next request as well: it must not be taken for its reply."""
+    """The late reply to the cancelled request would also fit the next request; it must not be returned for that."""
 
     async def scenario() -> None:
         async with SlowServer() as server, framekit.aconnect("modbus-rtu", server.port, station=7) as client:

@@ -1,4 +1,4 @@
-"""`Protocol.builder`: what it gives, how it depends on parameters, and what names it refuses."""
+"""`Protocol.builder`: its results, their dependence on parameters, and the names it refuses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A process that is held up for a while: what is simulated in it goes on as if it had not been."""
+"""A blocked process: simulated time continues as if the process had not been blocked."""
 
 from __future__ import annotations
 

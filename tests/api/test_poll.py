@@ -20,7 +20,7 @@ import framekit
 
 QUICK = {"reply_timeout": "50 ms"}
 PATIENT = {"reply_timeout": "20 s"}
-"""For replies that come: a busy machine may take longer than 50 ms for one."""
+"""Time-out for replies that do arrive: a busy machine may need more than 50 ms for a reply."""
 
 
 class Registers:
@@ -65,7 +65,7 @@ class Registers:
 
 
 class Kept:
-    """What a poll has told; `enough` waits until that is so much."""
+    """The values and errors that a poll has reported; `enough` waits for a number of them."""
 
     def __init__(self) -> None:
         self.values: list[tuple[Any, ...]] = []
@@ -511,7 +511,7 @@ async def _awaited(values: tuple[int, ...]) -> None: ...
 @pytest.mark.parametrize("callback", [_awaited, functools.partial(_awaited), None, 3])
 @pytest.mark.parametrize("name", ["on_values", "on_error"])
 def test_callbacks_that_could_not_be_called(tmp_path: Path, name: str, callback: Any) -> None:
-    """A coroutine function, called, would do nothing: its values would be lost."""
+    """Calling a coroutine function as a callback would only create a coroutine; its values would be lost."""
 
     async def scenario() -> None:
         port = f"sim:{device_file(tmp_path, 'modbus-tcp')}"
@@ -530,7 +530,7 @@ def test_callbacks_that_could_not_be_called(tmp_path: Path, name: str, callback:
 
 
 def test_who_stops_waiting_stops_nothing_else() -> None:
-    """Neither the poll, nor who else waits for it; what it ends with is there for who waits again."""
+    """Cancelling a waiter stops neither the poll nor other waiters; later waiters get the final error of the poll."""
 
     async def scenario() -> None:
         async with Registers() as device, framekit.aconnect("modbus-tcp", device.port, station=1) as client:

@@ -77,7 +77,7 @@ def test_what_is_decoded_of_system_addresses_can_be_encoded(processor: str) -> N
 
 
 def test_one_port_for_two_protocols_over_one_memory(tmp_path: Path) -> None:
-    """F037: a break-free slave of SNP that takes X-Attach too. What one protocol writes, the other reads."""
+    """A break-free SNP slave that also accepts X-Attach: values of one protocol are read by the other (F037)."""
     file = tmp_path / "cpu.device.yaml"
     file.write_text("device: cpu\nprotocol: snp\nalso: snp-x\nstation: UNIT7\nparams: {use_break: no}\n")
     given = {"station": "UNIT7", "params": {"use_break": "no"}}

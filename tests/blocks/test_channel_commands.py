@@ -1,4 +1,4 @@
-"""The word blocks of the five channel commands: what they mean, and every code that refuses one (GFK-1084B, 3-39)."""
+"""Word blocks of the five channel commands: their meaning, and every code that refuses a block (GFK-1084B, 3-39)."""
 
 from __future__ import annotations
 

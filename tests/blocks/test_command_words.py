@@ -1,4 +1,4 @@
-"""Command blocks as words: what the manual prints, both ways; words that are none; what they mean in words."""
+"""Command blocks as words: the manual's examples in both directions, invalid words, and the description of a block."""
 
 from __future__ import annotations
 

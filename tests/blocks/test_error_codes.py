@@ -1,4 +1,4 @@
-"""The table of error codes: one row a code, all told apart, and the page in the documentation is the table."""
+"""The table of error codes: one row for each code, all distinct; the documentation page contains the same table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What blocks need of their channels' time, added up; and which cycles find none. What an exchange takes is given."""
+"""Feasibility of cycles: the time that the blocks of a channel need in total, for given durations of an exchange."""
 
 from __future__ import annotations
 

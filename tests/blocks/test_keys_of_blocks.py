@@ -1,4 +1,4 @@
-"""Every key that the schema has for a block, beside every instruction: it has an effect there, or the user is told."""
+"""Every key of a block with every instruction: the key has an effect, or an error is reported."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One channel: who is next, silences, and stations that are asked rarely while they do not answer."""
+"""One channel: order of the blocks, silences, and rare polling of stations that do not answer."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def test_a_station_is_dead_after_failures_and_time_and_comes_back() -> None:
 
 
 def test_a_suspected_station_lets_the_others_go_first_and_is_asked_ever_more_rarely() -> None:
-    """From its first failure on its exchanges are single tries; each pause is longer, up to that of a dead station."""
+    """After its first failure a station gets single attempts; the pauses grow up to that of a dead station."""
     rule = DeadRule(failures=99, after=0, every=2000 * MS)
     bench = Bench(block(0, 100), block(1, 100, station=2), block(2, 100), duration=30, dead=rule)
     bench.outcomes[2] = "no_reply"

@@ -1,4 +1,4 @@
-"""Sizes that a device file gives to areas of its protocol's memory, areas that only addresses tell apart among them."""
+"""Sizes that a device file gives to memory areas of its protocol, also to areas that differ by address only."""
 
 from __future__ import annotations
 

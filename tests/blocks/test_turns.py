@@ -20,7 +20,7 @@ MS = 1_000_000
 
 
 class Bench:
-    """Three channels with two blocks each, on bits 0 to 5 of M; what has been started ends when told to."""
+    """Three channels with two blocks each, triggered by bits 0 to 5 of M; the test ends the started exchanges."""
 
     def __init__(self) -> None:
         self.memory = DeviceMemory([Area("M", size=1)])

@@ -1,4 +1,4 @@
-"""What a verb switches on for its process, `--log` above all, ends with its test."""
+"""Undo the process-wide settings of a verb, mainly those of `--log`, after each test."""
 
 from __future__ import annotations
 

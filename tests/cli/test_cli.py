@@ -124,7 +124,7 @@ def test_what_decode_shows_as_names_encode_takes(name: str) -> None:
 
 
 def paths_of(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    """Every value that holds no other one, with its name as `decode` shows it."""
+    """Yield every leaf value with its name as `decode` shows it."""
     for name, value in values.items():
         items = {f"{name}[{index}]": item for index, item in enumerate(value)} if isinstance(value, list) else {}
         if isinstance(value, dict) and value:
@@ -225,7 +225,10 @@ def test_decode_tells_of_check_codes_that_only_warn(capsys: pytest.CaptureFixtur
 
 
 def test_damage_is_told_where_a_frame_takes_everything(capsys: pytest.CaptureFixture[str]) -> None:
-    """`stray` of SNP fits whatever begins with ESC; no side sends it, so bytes are decoded as what they are not."""
+    """`stray` of SNP accepts any bytes after ESC, but neither side sends it.
+
+    Damaged bytes must not be decoded as `stray`.
+    """
     good = "1B 41 41 42 00 00 00 00 00 00 44 30 30 37 30 20 20 20 17 00 00 00 44 45"
     assert call(capsys, "decode", "snp", good)[0] == 0
     for options in ([], ["--from", "client"]):

@@ -1,4 +1,4 @@
-"""The verb for command blocks: words and names, files, what is refused, what the exit status says."""
+"""The verb for command blocks: words and names, files, refused blocks, and the exit status."""
 
 from __future__ import annotations
 

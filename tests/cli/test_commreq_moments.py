@@ -1,4 +1,4 @@
-"""Commands to jobs: what happens in the turn of the loop in which one is answered, and while one waits for that."""
+"""Commands to jobs: events in the same turn of the event loop as the answer, and events while waiting for it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from framekit.extras.commreq.job_table import JobSlot, status_of
 
 
 class Output:
-    """Shows nothing of memory."""
+    """An output that shows no changes of memory."""
 
     def meaning(self, data: bytes) -> tuple[str, None]:
         return data.decode(), None

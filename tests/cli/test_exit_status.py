@@ -32,7 +32,7 @@ FILES = {
     "names.csv": "a,b\n1,2\n",
 }
 GONE = "tcp://127.0.0.1:1"
-"""Nothing listens there."""
+"""A port without a listener."""
 
 DEVICE = ["modbus-tcp", "--port", "sim:m.device.yaml", "--station", "1"]
 NO_DEVICE = ["modbus-tcp", "--port", GONE, "--station", "1"]
@@ -106,7 +106,7 @@ WITH_JSON = {
     "encode", "decode", "read", "write", "call", "scan", "commreq", "run", "fleet", "serve", "monitor", "record",
     "guess", "diff", "replay",
 }  # fmt: skip
-"""Verbs with `--json` whose errors are objects. `check`, `test` and `loopback` print what they found as always."""
+"""Verbs with `--json` whose errors are objects. `check`, `test` and `loopback` print their findings as without it."""
 
 
 def table() -> dict[str, dict[int, str]]:

@@ -1,4 +1,4 @@
-"""`framekit new protocol`: what it lays out is sound and runs, and nothing is written over."""
+"""`framekit new protocol`: the created files are valid and run, and no existing file is overwritten."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`framekit read`, `write` and `call`: over real pseudo-terminals and TCP, what they print, and their exit status."""
+"""`framekit read`, `write` and `call`: on real pseudo-terminals and TCP, with their output and exit status."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def test_the_frames_are_shown(bench: tuple[str, framekit.Memory], capsys: pytest
 
 
 def test_a_broadcast_has_been_sent_when_the_verb_ends(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    """The master polls first: what nobody answers must not end with the line still taken."""
+    """The master polls first; a broadcast, which gets no reply, must be sent before the verb ends."""
     device = tmp_path / "slaves.device.yaml"
     device.write_text("device: slaves\nprotocol: df1\nrole: slave\nstation: [1, 2]\n", encoding="utf-8")
     line = ("df1", "--port", f"sim:{device}", "--role", "master", "--param", "normal_nodes=1", "--frames")
@@ -180,7 +180,7 @@ def test_the_address_says_what_it_holds(capsys: pytest.CaptureFixture[str], tmp_
 def test_nobody_acknowledges(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, there: str, asker: str, station: int
 ) -> None:
-    """The own link tells it by an error frame, with a code, and yet nobody has refused anything."""
+    """The device's link reports a missing acknowledgement by an error frame with a code; that is not a refusal."""
     device = tmp_path / "one.device.yaml"
     mute = "faults: {rules: [{fault: no_reply}]}\n" if there == "full" else ""
     device.write_text(f"device: one\nprotocol: df1\nrole: {there}\nstation: 1\n{mute}", encoding="utf-8")

@@ -46,7 +46,7 @@ sys.platform = "win32"
 from framekit.cli.main import main
 sys.exit(main(sys.argv[1:]))
 """
-"""A program that is `framekit` where nothing of POSIX is to be found. The standard library was imported before."""
+"""A program that runs `framekit` without any POSIX module; the standard library is imported beforehand."""
 
 DEVICE = "device: bench\nprotocol: modbus-tcp\nstation: 1\nmemory: {set: {40001: [100, 200, 300]}}\n"
 RUN = """run: foreign
@@ -85,7 +85,7 @@ def line_of(process: subprocess.Popen[str], wanted: str) -> str:
 
 
 def ended(process: subprocess.Popen[str], how: signal.Signals) -> tuple[int, str]:
-    """Status and standard output after this signal; nothing was said of an error."""
+    """Return exit status and standard output after the signal; assert that no traceback was printed."""
     process.send_signal(how)
     output, errors = process.communicate(timeout=60)
     assert "Traceback" not in errors

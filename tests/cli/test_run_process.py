@@ -1,6 +1,6 @@
-"""`framekit run` as a process of its own on real pseudo-terminals: signals, kill and restart, an adapter pulled out.
+"""`framekit run` as a process of its own on real pseudo-terminals: signals, kill and restart, an unplugged adapter.
 
-The device at the other end runs in the test. Everything waits for lines of the process; nothing waits for time.
+The device at the other end runs in the test. Tests wait for lines of the process, never for time.
 """
 
 from __future__ import annotations
@@ -179,7 +179,7 @@ def test_a_run_that_is_killed_can_be_started_again(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_a_killed_run_goes_on_counting_from_what_it_had_kept(tmp_path: Path) -> None:
-    """600 ms of exchanges are kept every 100 ms; what was not kept at the kill is counted no more."""
+    """Exchanges of 600 ms are saved every 100 ms; counts that were not saved before the kill are lost."""
     kept = "state: {file: wired.state, every: 100 ms}\n"
 
     async def test(wires: Wires, device: DeviceService) -> None:

@@ -1,5 +1,7 @@
-"""Values of secret parameters: they are in no output of a run, no log, no capture and what is decoded of it, and no
-state file. Found would be bytes, hex digits in any notation, Python's and JSON's text, and base64."""
+"""Secret parameter values appear in no output, log, capture, decoded capture or state file of a run.
+
+The tests search for the bytes, hex digits in any notation, the text of Python and JSON, and base64.
+"""
 
 from __future__ import annotations
 
@@ -60,7 +62,7 @@ blocks:
 
 
 def shows(data: bytes, secret: bytes) -> bool:
-    """Whether bytes hold a secret in a form that somebody may have written it in."""
+    """Return whether the data contain the secret in any usual notation."""
     if secret in data or base64.b64encode(secret)[:-4] in data:
         return True
     text = data.decode("utf-8", "replace")

@@ -1,4 +1,4 @@
-"""`framekit serve` as users have it: a process of its own on a pseudo-terminal or on TCP, told to stop by a signal."""
+"""`framekit serve` as a process of its own on a pseudo-terminal or on TCP, ended by a signal."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def line_of(process: subprocess.Popen[str]) -> str:
 
 
 def ended(process: subprocess.Popen[str], number: signal.Signals = signal.SIGTERM) -> str:
-    """Everything that is still printed when the process is told to stop, which it does with status 0."""
+    """Return the remaining output of the process after the signal; assert exit status 0 without errors."""
     process.send_signal(number)
     output, errors = process.communicate(timeout=LONGEST)
     assert (process.returncode, errors) == (0, "")

@@ -1,4 +1,4 @@
-"""Colours and the line that tells how far work has come: on terminals, and nowhere else."""
+"""Colours and progress lines: shown on terminals only."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CASES = "vectors: own\nframes:\n  - {frame: one, bytes: 01 02, values: {value: 2
 
 
 class Terminal(io.StringIO):
-    """A stream that says that it is one."""
+    """A stream that claims to be a terminal."""
 
     def isatty(self) -> bool:
         return True

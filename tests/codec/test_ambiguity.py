@@ -1,4 +1,4 @@
-"""Frames that cannot be told apart, ends that data may hold, check codes that hold little."""
+"""Frames that a receiver cannot distinguish, end marks that data may contain, and weak check codes."""
 
 from __future__ import annotations
 
@@ -69,7 +69,10 @@ def test_a_count_in_a_row_does_not_separate() -> None:
 
 
 def test_a_frame_of_varying_size_is_compared_with_one_of_fixed_size_before_it() -> None:
-    """Only some of its frames are as long: that is a warning. One that is told by a constant is no twin."""
+    """Assert a warning if only some frames of one kind look like another frame.
+
+    Only some frames of the varying size have the fixed size, so it is a warning; a distinguishing constant removes it.
+    """
     text = """
 protocol: t
 line: {format: 8E1}

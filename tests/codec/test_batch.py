@@ -1,4 +1,4 @@
-"""Many frames at once: the values and faults are those of decoding one by one, with NumPy and without."""
+"""Batch decoding gives the same values and faults as decoding frame by frame, with NumPy and without."""
 
 from __future__ import annotations
 

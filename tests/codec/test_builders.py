@@ -354,7 +354,7 @@ AROUND = (
     "{field: st, type: u8}, {check: crc16-arc, over: [pdu], order: little}",
     "{const: 3A}, {wrap: hex, of: [{field: st, type: u8}, {inner: pdu, of: inside}, {check: lrc}]}, {const: 0D 0A}",
 )
-"""What stands around a random frame."""
+"""The declarations around a random frame."""
 
 
 @pytest.mark.parametrize("seed", range(30))

@@ -1,4 +1,4 @@
-"""Compiled protocols in the user's cache folder: what is kept, and what of it is never believed."""
+"""Compiled protocols in the user's cache folder: cached data, and cached data that must not be trusted."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ pytestmark = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="there are no
 
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """An empty folder; what the other tests keep is not seen."""
+    """An empty cache folder, isolated from the caches of other tests."""
     folder = tmp_path / "cache"
     monkeypatch.setenv("FRAMEKIT_CACHE", str(folder))
     with cached_by(None):
@@ -312,7 +312,7 @@ memory: {areas: {D: {unit: word, size: 4}}, addresses: [{form: "D{start:dec}", a
 
 @pytest.fixture
 def loads(cache: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """What is really loaded and compiled."""
+    """Record which protocols are really loaded and compiled."""
     found: list[str] = []
     load, make = library._load, codecs.code_of
     monkeypatch.setattr(library, "_load", lambda path: found.append(f"load {path.stem}") or load(path))
@@ -321,7 +321,7 @@ def loads(cache: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 def next_command(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As if another process began: nothing is known of what this one has loaded."""
+    """Forget all loaded protocols, as if another process began."""
     monkeypatch.setattr(library, "_kept", {})
     monkeypatch.setattr(codecs, "_compiled", {})
 

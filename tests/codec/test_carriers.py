@@ -97,7 +97,7 @@ def others(found: list[tuple[Any, ...]]) -> list[tuple[Any, ...]]:
 @pytest.mark.parametrize("name", FRAMES_OF)
 @pytest.mark.parametrize("between", [-1, 0, 1, 5])
 def test_a_delimiter_ends_a_frame_and_begins_the_next(name: str, between: int) -> None:
-    """Shared, two, and more of them as fill between frames; before the first and behind the last one too."""
+    """Delimiters may be shared, double, or repeated as fill: between frames, before the first, after the last."""
     text, frame, sent = FRAMES_OF[name]
     flag = sent[0][:1]
     stream = flag * max(between, 0) + sent[0]
@@ -140,7 +140,7 @@ def test_what_is_damaged_costs_nothing_else(name: str, resync: str) -> None:
 
 
 def test_a_pause_between_frames_is_none_in_a_frame() -> None:
-    """The delimiter that ended the last frame counts as come with what follows it, however long after that is."""
+    """The delimiter that ended the last frame gets the time of the bytes that follow it, however late they arrive."""
     frame, receiver = ppp(0x21, "01"), receiver_of(PPP)
     receiver.append(frame, 0)
     assert [told(one)[2] for one in receiver.arrivals(("frame",))] == [frame]

@@ -39,7 +39,7 @@ def found_in(body: str, parts: list[bytes]) -> list[tuple[object, ...]]:
 
 
 def test_a_wrong_header_check_ends_a_frame_before_the_rest_has_come() -> None:
-    """The damaged length announces 65,000 bytes; the frame behind it is found without them, however they come."""
+    """The damaged length announces 65,000 bytes; the next frame is found without them, whole or byte by byte."""
     good = codec_of(HEADED).encode("f", {"d": b"hello"})
     damaged = good[:2] + b"\xff\x00" + good[4:6]
     both = damaged + good
@@ -119,7 +119,7 @@ def test_what_has_no_sense_is_refused(body: str, wrong: str) -> None:
 
 
 def test_bytes_that_are_not_on_the_wire_may_come_from_tables_and_parameters() -> None:
-    """An unknown kind has no such byte: nothing is built, and what is read is bad."""
+    """An unknown kind has no such byte in the table: encoding is refused, and decoding finds a bad frame."""
     more = "tables: {extra: {1: 0x32, 2: 0x7C}}\nparams: {net: {type: bytes, size: 2, default: 0A 0B}}\n"
     body = "{field: kind, type: u8}, {check: sum8, over: [{bytes: net}, kind, {bytes: 'extra[kind]', type: u8}]}"
     codec = codec_of(body, more)
@@ -149,7 +149,10 @@ IN_IT = {"d": b"\x10\x01"}
     ],
 )
 def test_a_check_without_over_counts_what_stands_before_it_in_its_region(inside: str, behind: str, wire: str) -> None:
-    """In a wrap: the plain content before it, and nothing before the wrap. Behind a wrap: what stands on the wire."""
+    """In a wrap, the check covers the plain content before it, but no byte before the wrap.
+
+    After a wrap, it covers the wrapped bytes as they are on the wire.
+    """
     body = "{const: 7F}, " + WRAPPED.replace("INSIDE", inside).replace("BEHIND", behind)
     if behind == "name: e":
         wire = wire[:-2] + "B1"
@@ -192,7 +195,7 @@ def test_two_checks_that_cover_each_other_are_refused() -> None:
 
 
 def test_the_table_of_the_manual() -> None:
-    """docs/language/checks.md: what a check counts, with the bytes."""
+    """The table of docs/language/checks.md: check codes with their frames and bytes."""
     rows = re.findall(r"^\| `(\[\{.*check.*\])` \| `([0-9A-F ]+)` \|", MANUAL.read_text(encoding="utf-8"), re.MULTILINE)
     rows = [row for row in rows if "key:" not in row[0]]  # codes made with a key are tried in test_ciphers.py
     assert len(rows) == 10

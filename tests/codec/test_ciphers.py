@@ -1,7 +1,7 @@
-"""Ciphers as wraps and codes made with keys as checks: published vectors byte for byte, wrong tags, keys nobody sees.
+"""Ciphers as wraps and keyed check codes: published vectors, wrong tags, and keys that appear in no output.
 
-The construct compiler (`construct_oracle/keyed.py`) works everything out from single blocks; drawn definitions and
-segment cases hold it against the generated functions.
+The construct compiler (`construct_oracle/keyed.py`) computes everything from single blocks; drawn definitions and
+segment cases compare it with the generated functions.
 """
 
 from __future__ import annotations

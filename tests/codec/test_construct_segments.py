@@ -1,4 +1,4 @@
-"""Every kind of segment in the construct back end: what it builds, what it reads, what it says to other bytes."""
+"""Every kind of segment in the construct codec: encoding, decoding, and the faults of other bytes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from framekit.codec.errors import EncodeError, FrameError
 
 
 def both_ways(codec: ConstructCodec, values: dict[str, Any], data: str, ctx: dict[str, Any] | None = None) -> None:
-    """`values` make these bytes (hex), and these bytes read as `values` and whatever is computed."""
+    """Assert that `values` encode to these bytes (hex), and that these decode to `values` and the computed values."""
     wanted = bytes.fromhex(data)
     assert codec.encode("f", values, ctx).hex(" ") == wanted.hex(" ")
     found = codec.decode("f", wanted, ctx)

@@ -33,7 +33,7 @@ def test_frames_of_vectors(name: str) -> None:
 
 
 def holds(vector: FrameVector, protocol: Protocol, codec: ConstructCodec) -> None:
-    """What is built of the values of one case fits its bytes, and these are read as the values, or refused."""
+    """Assert that the values of a test case encode to its bytes, and that these decode to the values or are refused."""
     assert vector.frame is not None
     context = base_context(protocol) | plain_values(protocol, vector)
     if vector.expect is not None:
@@ -69,7 +69,7 @@ def plain_values(protocol: Protocol, vector: FrameVector) -> dict[str, Any]:
 
 
 def has(found: Any, wanted: Any) -> bool:
-    """Whether what was read has everything that was given; names stand for numbers."""
+    """Return whether the decoded value contains all given values; a name may stand for its number."""
     if isinstance(wanted, Mapping):
         return all(name in found and has(found[name], value) for name, value in wanted.items())
     if isinstance(wanted, list):

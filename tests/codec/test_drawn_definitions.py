@@ -544,7 +544,7 @@ FOUND: dict[str, tuple[str, dict[str, Any], str]] = {
         "00",
     ),
 }
-"""By what it shows: a body, values, their bytes."""
+"""Test name: body, values, encoded bytes."""
 DAMAGED: dict[str, tuple[str, str, str]] = {
     "a field of a record that comes of what is later": (
         "[{include: by_later, as: r}, {field: t, type: u8}]", "07 04", "value"
@@ -573,7 +573,7 @@ DAMAGED: dict[str, tuple[str, str, str]] = {
         "[{field: t, type: ascii, size: 3}], group: behind_list", "36 61 03 62 03", "short"
     ),
 }  # fmt: skip
-"""By what it shows: a body, damaged bytes, the cause."""
+"""Test name: body, damaged bytes, cause of the fault."""
 UNSENDABLE: dict[str, tuple[str, dict[str, Any], str]] = {
     "a number in no digits": (
         "[{field: k, type: u8}, {field: x, type: hex, size: k}]",
@@ -606,7 +606,7 @@ UNSENDABLE: dict[str, tuple[str, dict[str, Any], str]] = {
         "the size of 'd' cannot be told: a value it is worked out from is not there",
     ),
 }
-"""By what it shows: a body, values, what is said about them."""
+"""Test name: body, values, error message."""
 REFUSED: dict[str, tuple[str, str]] = {
     "a check over everything before it, in a record under a condition": (
         "[{field: k, type: u8}, {include: checked, as: r, when: k}]",
@@ -775,7 +775,7 @@ REFUSED: dict[str, tuple[str, str]] = {
         "'v' takes no bytes – name segments that stand on the wire",
     ),
 }
-"""By what it shows: a body, and what is said about it."""
+"""Test name: body, error message of `check`."""
 
 
 PART = "part: [{field: a, type: u8}, {field: b, type: u8, when: a > 3}]"
@@ -992,7 +992,7 @@ def test_what_check_takes_never_crashes_and_round_trips(kind: str) -> None:
 
 
 ASKED = os.environ.get("FRAMEKIT_DEFINITIONS", "")
-"""What the long tests try instead of their usual seeds: so many of each kind, or those of a range (10000-16000)."""
+"""Seeds for the long tests instead of their usual seeds: a number of each kind, or a range (10000-16000)."""
 START, _, END = ASKED.rpartition("-")
 
 

@@ -1,7 +1,7 @@
-"""Text of a file stays text: in every key of the schema hostile text gives the source that harmless text gives.
+"""Text of a file never becomes code: hostile text in any key gives the same source as harmless text.
 
-The keys come from `schemas/protocol.schema.json`, so a new one is tried the day it comes. What the loader takes is
-generated, inside framekit and stand-alone, and its syntax tree is compared without its texts.
+The keys come from `schemas/protocol.schema.json`, so a new key is tested at once. If the loader accepts the text,
+source is generated, inside framekit and stand-alone, and its syntax tree is compared without its strings.
 """
 
 from __future__ import annotations
@@ -151,7 +151,7 @@ def documents() -> tuple[Any, ...]:
 
 
 def schema_at(place: str) -> tuple[str, Any]:
-    """The schema at `FILE#/PATH`, behind all references, and where it stands itself."""
+    """Return the schema at `FILE#/PATH` with all references resolved, and its own location."""
     while True:
         file, _, path = place.partition("#")
         schema = _schemas()[file]
@@ -163,7 +163,7 @@ def schema_at(place: str) -> tuple[str, Any]:
 
 
 def spots(value: Any, place: str, path: tuple[Any, ...] = ()) -> Iterator[tuple[str, str, tuple[Any, ...], str]]:
-    """What stands, or might stand, in the value: the schema around it, its name there, its path, its schema."""
+    """Yield every key that the value has or may have: enclosing schema, name, path, schema location."""
     place, schema = schema_at(place if "#" in place else f"{place}#")
     for key in schema.get("dependentSchemas", ()):
         if isinstance(value, dict) and key in value:
@@ -186,7 +186,7 @@ def spots(value: Any, place: str, path: tuple[Any, ...] = ()) -> Iterator[tuple[
 
 @cache
 def tried() -> dict[str, dict[str, tuple[Any, tuple[Any, ...], str]]]:
-    """By a schema and a name in it: the smallest definition that has such a place, its path, and the schema there."""
+    """Return by schema and name: the smallest definition that has the key, its path, and its schema location."""
     found: dict[str, dict[str, tuple[Any, tuple[Any, ...], str]]] = {}
     for document in documents():
         for around, name, path, place in spots(document, "protocol.schema.json"):
@@ -226,7 +226,7 @@ class NoFunctions:
 
 
 def sources(protocol: Protocol, size: int, section: str) -> Iterator[str]:
-    """What a section may reach; codecs read no sequences, as another test shows."""
+    """Yield the sources that the section can affect; codecs do not read sequences, as another test shows."""
     if section != "sequences":
         yield generate_source(protocol)
     table: Any = FrameTable(protocol, NoFunctions(protocol))  # type: ignore[arg-type]
@@ -363,7 +363,7 @@ def test_a_file_is_named_in_the_source_as_a_text(tmp_path: Path) -> None:
 
 
 def broken_names() -> Iterator[tuple[str, Any]]:
-    """Every name of the small definition with a line end behind it."""
+    """Yield definitions in which one name of the small definition ends with a line feed."""
     document = documents()[0]
     for around, name, path, place in spots(document, "protocol.schema.json"):
         if name == "*":

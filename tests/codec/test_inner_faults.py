@@ -1,4 +1,4 @@
-"""The fault inside a frame that stands in another one is the fault that is told."""
+"""A fault inside an inner frame is reported as the fault of the outer frame."""
 
 from __future__ import annotations
 

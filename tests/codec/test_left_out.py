@@ -1,5 +1,7 @@
-"""What a frame leaves out, by a `when`, a case, or a length of something that only some cases have: both compilers
-refuse what is given for it, name it, and count it as nothing."""
+"""Segments left out by a `when`, a case, or a length that counts segments of some cases only.
+
+Both compilers refuse values given for them, name them, and treat them as absent.
+"""
 
 from __future__ import annotations
 

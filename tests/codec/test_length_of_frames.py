@@ -1,5 +1,5 @@
 # ruff: noqa: E501 - definitions in YAML
-"""`len` of a frame inside: in headers, behind it, in items, by both compilers; and in rows of services."""
+"""`len` of an inner frame: in headers, after it, in items, by both compilers; and in rows of services."""
 
 from __future__ import annotations
 

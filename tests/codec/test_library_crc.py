@@ -77,7 +77,7 @@ def test_a_module_that_stands_alone_has_tables_instead() -> None:
 
 @pytest.mark.parametrize("method", [entry.method for entry in crc_catalogue()], ids=lambda method: method.name)
 def test_over_bytes_with_their_own_code_a_crc_is_always_the_same(method: CheckMethod) -> None:
-    """Where the code stands as the register shifts, and only with the right code; nothing is said of others."""
+    """A CRC over data with its own right code is a constant, if the code has the order in which the register shifts."""
     choose, size = random.Random(method.name), method.width // 8
     order = "little" if method.refin else "big"
     residue = residue_of(method, size, order)

@@ -1,4 +1,4 @@
-"""Faults of decoded frames: which one counts, where it is, what is refused; and values that encoders refuse."""
+"""Faults of decoded frames: precedence, offset and refusal; and values that encoders refuse."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def codec_of(body: str, *sections: str, keys: str = "") -> Codec:
 
 
 def fault(codec: Codec, data: str, ctx: dict[str, Any] | None = None) -> FrameError:
-    """The fault of these bytes; the careful reading finds the same one."""
+    """Return the fault of these bytes; assert that `trace` finds the same fault."""
     with pytest.raises(FrameError) as caught:
         codec.decode("f", bytes.fromhex(data), ctx)
     found = codec.trace("f", bytes.fromhex(data), ctx)[2]

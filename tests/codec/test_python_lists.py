@@ -1,4 +1,4 @@
-"""Lists of plain numbers in generated Python: packed and unpacked at once, as the other compiler does one by one."""
+"""Lists of plain numbers in generated Python: packed and unpacked as a block, as the construct codec does."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def test_a_count_of_another_case_does_not_count_this_list(number: str) -> None:
     ],
 )
 def test_lengths_that_tell_something_else(length: str, times: str) -> None:
-    """The number of items has to be what they say all the same, so that such a list cannot be sent."""
+    """The length and the number of items contradict each other, so such a list cannot be sent."""
     protocol = small_protocol(f"[{length}, {{repeat: list, times: {times}, of: u16}}, {{data: more, size: 1}}]")
     for codec in (compile_protocol(protocol), compile_construct(protocol)):
         with pytest.raises(EncodeError):
@@ -128,7 +128,7 @@ def test_lengths_that_tell_something_else(length: str, times: str) -> None:
     ],
 )
 def test_part_of_a_value_is_a_fault_of_the_list(body: str, data: str, expected: Any) -> None:
-    """What stands behind the list is read where it stands, so that a right check makes the fault one to be refused."""
+    """The segments after the list are read at their own offset, so the fault is a refusal if the check is right."""
     protocol, found = small_protocol(body), []
     for codec in (compile_protocol(protocol), compile_construct(protocol)):
         with pytest.raises(FrameError) as error:

@@ -266,7 +266,7 @@ def test_inner_frames_give_the_length_of_the_outer_one() -> None:
 
 
 def test_no_more_is_wanted_than_a_frame_inside_takes_that_is_tried_later() -> None:
-    """The eighth byte tells that it is not the first one, which is tried before; by then the second is complete."""
+    """The eighth byte excludes the first candidate; the second candidate may be complete by then."""
     codec = codec_of(
         "[{inner: i, of: g}, {data: d, size: 6}]",
         "groups: {g: {from: client}}",
@@ -293,7 +293,7 @@ def test_inner_frames_that_do_not_begin_here() -> None:
 
 
 def test_the_work_grows_with_the_size() -> None:
-    """Bytes that come one by one: few questions, and a search that does not begin anew."""
+    """Bytes arrive one by one: `measure` is called rarely, and its search never starts anew."""
     codec = codec_of(f"[{{count: c, type: u8, of: r}}, {{repeat: r, times: c, of: [{SIZED}]}}]")
     data = codec.encode("f", {"r": [{"d": bytes(place % 5)} for place in range(200)]})
     assert calls_until_complete(codec, "f", data) < 40

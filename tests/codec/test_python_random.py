@@ -1,4 +1,4 @@
-"""Definitions made up at random: what is built is read back, the careful reading agrees, every cut is measured."""
+"""Random definitions: encoded frames decode to their values, `trace` agrees, and every prefix is measured."""
 
 from __future__ import annotations
 
@@ -30,7 +30,10 @@ def check_reading(codec: Codec, data: bytes) -> None:
 
 
 def check_measuring(codec: Codec, data: bytes) -> None:
-    """Byte by byte, with what was seen before, as a receiver asks."""
+    """Assert that every prefix is measured right.
+
+    Like in a receiver, `measure` gets the length that earlier calls have already seen.
+    """
     whole = codec.measure("f", data)
     if whole != len(data):
         return  # ends by silence, or its data hold what looks like its end

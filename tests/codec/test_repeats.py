@@ -60,7 +60,10 @@ def test_chains_in_a_stream() -> None:
 
 
 def test_a_name_of_the_definition_goes_before_the_words_of_items() -> None:
-    """A field around the list, a variable, a parameter: all mean what they meant without the list."""
+    """A field around the list, a state variable and a parameter keep their meaning.
+
+    They hide an item word of the same name.
+    """
     item = "{repeat: a, times: 2, of: [{field: v, type: u8, is: index}]}"
     for sections, body, wanted in (
         ((), f"[{{field: index, type: u8}}, {item}]", "07 07 07"),
@@ -132,7 +135,10 @@ def test_a_chain_that_comes_byte_by_byte_is_not_walked_again() -> None:
 
 
 def test_a_list_of_texts_each_at_a_multiple_of_4() -> None:
-    """As a device sends them: a count, texts behind their lengths, nothing behind the last; in streams however cut."""
+    """A message of a real device: a count, texts with lengths, padding between items but not after the last.
+
+    Streams are cut anywhere.
+    """
     text = (
         "protocol: texts\nframes:\n  texts:\n    from: server\n    body:\n      - const: 54\n"
         "      - {length: size, type: u8, of: [names]}\n      - {count: n, type: u8, of: names}\n"
@@ -265,7 +271,7 @@ def test_a_tree_in_every_way() -> None:
 
 
 def test_a_tree_is_no_deeper_than_said() -> None:
-    """Values are refused; bytes are a fault, at the place where it is too deep."""
+    """Values nested too deep are refused; bytes nested too deep are a fault at that offset."""
     protocol = load_protocol_text(TREE, "tree")
     fits, deeper = node(node(node(leaf(1, b"")))), node(node(node(node(leaf(1, b"")))))
     for codec in (compile_protocol(protocol), compile_construct(protocol)):
@@ -289,7 +295,7 @@ def test_a_tree_in_a_stream() -> None:
 
 
 def test_work_for_nested_lists_is_bounded() -> None:
-    """Each byte costs a level's work at most once a level: whatever the bytes, so many calls and no more."""
+    """The number of calls is bounded for any bytes: each byte costs at most the work of one level per level."""
     layouts = (
         "layouts: {node: [{field: v, type: u8}, {count: n, type: u8, of: below},"
         " {repeat: below, times: n, of: [{include: node, as: node, depth: 32}]}]}"

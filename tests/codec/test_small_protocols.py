@@ -162,7 +162,7 @@ def test_every_bit_of_a_dnp3_frame_counts() -> None:
 
 
 def test_dnp3_in_streams() -> None:
-    """A damaged header costs nothing but itself; a damaged block makes the frame bad, and the next one is found."""
+    """A damaged header costs no other frame; a damaged block makes its frame bad, and the next frame is found."""
     choose = random.Random(3)
     frames = [bytes.fromhex(wire) for wire in DNP3_VECTORS]
     stream, sent = b"", []
@@ -229,7 +229,10 @@ def test_mavlink_in_streams() -> None:
 
 
 def test_a_text_protocol_is_found_by_its_end() -> None:
-    """The check digits are counted back from the CR, and no silence is waited for; a CR in what is sent is passed."""
+    """The offset of the check digits is counted back from the CR, without waiting for silence.
+
+    A CR in the data is skipped.
+    """
     codec, oracle = both(TEXT)
     wire = b"#07READ 4FA\r"
     assert sum(wire[:-3]) & 0xFF == 0xFA

@@ -77,7 +77,7 @@ def test_multiplying_starts_at_one_and_a_zero_byte_ends_it() -> None:
 
 
 def bit_by_bit(data: bytes, width: int, poly: int, init: int, refin: bool, refout: bool, xorout: int) -> int:
-    """A CRC straight from the model of parametrised CRCs: one bit after another, nothing mirrored beforehand."""
+    """Compute a CRC literally by the parametrised model: bit by bit, without mirrored tables."""
     register = init
     for byte in data:
         for place in range(8):

@@ -1,5 +1,5 @@
 # ruff: noqa: E501 - definitions in YAML
-"""Texts that end before one of several bytes: what would be read as a longer text is not built, by both compilers."""
+"""Texts that end before one of several bytes: both compilers refuse to encode a text that decodes as a longer text."""
 
 from __future__ import annotations
 

@@ -96,7 +96,7 @@ def test_both_compilers_agree_on_every_kind_of_segment(case: Case) -> None:
 
 @cache
 def gathered() -> Pair:
-    """The cases that need nothing beside their frame, in one protocol: compiling takes longer than comparing."""
+    """Gather the cases without further sections in one protocol, since compiling takes longer than comparing."""
     frames = [
         case.yaml.partition("frames:\n")[2].replace("  f:", f"  f{place}:", 1)
         for place, case in enumerate(CASES)
@@ -206,7 +206,10 @@ def _spoilt(draw: Any, values: dict[str, Any]) -> dict[str, Any]:
 
 
 def has(found: Any, wanted: Any) -> bool:
-    """Whether what was read has everything that was given: names stand for numbers, padding may be added."""
+    """Return whether the decoded value contains all given values.
+
+    A name may stand for its number, and bytes may be padded.
+    """
     if isinstance(wanted, Mapping):
         return all(name in found and has(found[name], value) for name, value in wanted.items())
     if isinstance(wanted, list):

@@ -1,4 +1,4 @@
-"""What an 8-bit check lets pass, measured beside theory: the figures of docs/protocols are these."""
+"""Undetected errors of 8-bit check codes, measured and compared with theory; docs/protocols gives these figures."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_exclusive_or_of_all_bytes(flips: int, theory: float, tries: int) -> Non
 @pytest.mark.parametrize("tries", [FEW, TRIES])
 @pytest.mark.parametrize(("flips", "theory"), [(1, 0.0), (2, 1 / 8), (3, 0.0), (4, 176 / 4096)])
 def test_exclusive_or_turned_by_one_bit_a_byte(flips: int, theory: float, tries: int) -> None:
-    """As without turning: each bit of a message still changes one bit of the code, an eighth of them the same one."""
+    """Rotation does not help: each message bit still changes one code bit, and an eighth of them the same bit."""
     codec = compile_protocol(load_protocol("snp"))
     random = Random(flips)
     data = random.randbytes(256)

@@ -1,4 +1,4 @@
-"""What 8-bit checks in hex digits let pass where no parity helps: measured beside theory (docs/faults.md)."""
+"""Undetected errors of 8-bit checks in hex digits without parity, compared with theory (docs/faults.md)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ DIGITS = b"0123456789ABCDEF"
 
 
 def cancelling(differences: list[int], modulus: int) -> float:
-    """The probability that two of these differences, each as likely, add up to nothing."""
+    """Return the probability that the sum of two of these differences, all equally likely, is zero."""
     return sum((one + other) % modulus == 0 for one, other in product(differences, repeat=2)) / len(differences) ** 2
 
 

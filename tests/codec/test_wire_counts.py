@@ -1,4 +1,4 @@
-"""What a count or a size on the wire says is compared with what is there before anything is made of it."""
+"""Counts and sizes on the wire are compared with the bytes that are present before memory is allocated."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from framekit.definition.load.protocol import load_protocol_text
 
 MANY = 1 << 22
 ROOM = MANY
-"""Bytes that reading may take for a moment, whatever the frame says."""
+"""The most bytes of memory that reading may allocate for any frame."""
 
 TYPES = (
     "u8", "u24", "u40", "i64", "u32, order: CDAB", "u16, order: little", "f64", "hex, size: 4", "dec, size: 3",
     "bcd, size: 2", "hex, size: 4, order: little", "ascii, size: 2", "bytes, size: 2", "uint, size: 3",
 )  # fmt: skip
-"""What the items of a list may be."""
+"""Types of list items."""
 COUNTED = {
     **{f"a list of {of}": f"{{repeat: d, times: n, of: {of}}}" for of in TYPES},
     "a list of records": "{repeat: d, times: n, of: [{field: x, type: u8}]}",
@@ -112,7 +112,7 @@ def test_no_more_of_a_stream_is_read_than_a_frame_may_have(title: str) -> None:
 
 
 def test_an_item_of_a_counted_list_takes_bytes() -> None:
-    """Else a count of some bytes would be as many items as it says, and lists in lists the square of that."""
+    """Otherwise a count without data would be any number of items, and nested lists the square of that."""
     body = "[{field: n, type: u8}, {repeat: r, times: n, of: [{field: x, type: u8, when: n == 2}]}, {const: 7E}]"
     text = f"protocol: counts\nframes: {{f: {{body: {body}}}}}"
     assert Trial(text, {"n": 2, "r": [{"x": 1}, {"x": 2}]}).run() == b"\x02\x01\x02\x7e"

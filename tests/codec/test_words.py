@@ -19,11 +19,11 @@ PYTHONS = {
     "EVALUATION_ERRORS", "WRONG", "Exception", "TypeError", "KeyError", "IndexError", "LookupError", "AttributeError",
     "ArithmeticError", "OverflowError", "ZeroDivisionError", "struct_error", "RecursionError",
 }  # fmt: skip
-"""What the interpreter raises with words of its own."""
+"""Exceptions whose text the interpreter writes."""
 
 
 def shown(handler: ast.ExceptHandler) -> Iterator[int]:
-    """The lines that put the text of what was caught into something."""
+    """Yield the lines of a handler that put the text of the caught exception into a message."""
     for node in ast.walk(handler):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ("str", "repr"):
             value: ast.AST = node.args[0]

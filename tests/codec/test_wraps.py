@@ -98,7 +98,7 @@ def test_published_vectors(coding: Coding, plain: bytes, wire: str) -> None:
 @pytest.mark.parametrize("coding", spread(CODINGS, 2), ids=lambda coding: coding.shown)
 @given(data=st.data())
 def test_any_content_there_and_back(coding: Coding, data: st.DataObject) -> None:
-    """As the description of the coding makes it, byte by byte; within the sizes that are told of it."""
+    """The wire form equals the byte-by-byte form of the coding's definition; its size is within the declared limits."""
     some = st.sampled_from(b"\x00\x07\x11\x7d\x7e\xc0\xdb\xdc\xfd\xff\x41")
     plain = bytes(data.draw(st.lists(some, max_size=600) | st.lists(st.integers(1, 255), min_size=250, max_size=260)))
     wire = stuffed(coding, plain)
@@ -150,7 +150,7 @@ def test_content_takes_nothing_but_bytes() -> None:
 
 
 def test_a_record_in_a_wrap_that_is_not_there_has_no_fields() -> None:
-    """What reads them finds nothing: the frame is good or bad, and nothing else happens."""
+    """Expressions that read the fields get an absent value; the frame is good or bad, and no other error is raised."""
     wrap = "{when: k == 1, wrap: hex, of: [{include: part, as: r}]}"
     layouts = "layouts: {part: [{field: f, type: u8}]}"
     codec = compile_protocol(small_protocol(f"[{{field: k, type: u8}}, {wrap}, {{require: r.f != 77}}]", layouts))
@@ -161,7 +161,7 @@ def test_a_record_in_a_wrap_that_is_not_there_has_no_fields() -> None:
 
 
 def test_a_wrap_takes_as_many_bytes_as_its_size_says() -> None:
-    """Also under a condition, where the length that counts it tells its size."""
+    """Also under a condition, where a length field gives the size."""
     body = "[{field: n, type: u8}, {wrap: cobs, size: n, of: [{data: d, size: rest}]}]"
     codec = compile_protocol(small_protocol(body))
     assert codec.encode("f", {"n": 3, "d": b"ab"}) == b"\x03\x03ab"

@@ -1,6 +1,6 @@
-"""What the constructs of all segments share: being there or not, their place in the frame, their values.
+"""Base constructs of all segments: presence, offset in the frame, and values.
 
-A segment's construct reads into the record whose context it gets, and writes from that record's `Filling`.
+The construct of a segment reads into the record whose context it gets, and writes from the `Filling` of that record.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def names_of(segments: tuple[Segment, ...]) -> set[str]:
 
 
 def label_of(segment: Segment) -> str:
-    """What a fault calls a segment: its name, or its kind when it has only the one the loader gave."""
+    """Return the name of a segment for fault messages: its own name, or its kind if the loader made the name up."""
     if segment.name and not segment.name.startswith("_"):
         return segment.name
     return type(segment).__name__.lower()
@@ -69,8 +69,8 @@ def label_of(segment: Segment) -> str:
 class SegmentConstruct(Construct):
     """A segment of a frame, only usable inside a record.
 
-    Parses into the record's context and notes faults instead of raising them, builds from the record's filling. A
-    segment whose `when` does not hold takes no bytes. Raises Stop when nothing behind it can be found (parsing),
+    Parsing stores into the record's context and notes faults instead of raising them; building reads the record's
+    filling. A segment takes no bytes if its `when` is false. Raises Stop if no later segment can be located (parsing),
     EncodeError (building).
     """
 
@@ -92,7 +92,7 @@ class SegmentConstruct(Construct):
         raise NotImplementedError
 
     def read_absent(self, context: Container, place: Place) -> None:
-        """What an absent segment leaves behind."""
+        """Store the value of an absent segment, if any."""
 
     def refuse_absent(self, filling: Filling, name: str) -> None:
         """Refuses the value `name` that was given although the segment is not there. Raises EncodeError."""

@@ -1,4 +1,7 @@
-"""Check codes: over which bytes, by which method, written how. What is covered counts as it is inside its wrap."""
+"""Check codes: the covered bytes, the method and the wire form.
+
+Wrapped content is covered before the wrap is applied.
+"""
 
 from __future__ import annotations
 

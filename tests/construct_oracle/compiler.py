@@ -102,7 +102,7 @@ class _Compiler:
         return construct
 
     def _holder(self, segment: model.Segment, plan: Plan, conditions: tuple[Condition, ...]) -> SegmentConstruct:
-        """The construct of a segment, with those of what it holds."""
+        """Return the construct of a segment that contains segments, with the constructs of these."""
         match segment:
             case model.Repeat(of=model.FieldType()):
                 return RepeatConstruct(segment, None)

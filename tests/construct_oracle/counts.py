@@ -25,11 +25,11 @@ class Computed(ValueSegment):
     segment: Length | Count
 
     def computed(self, filling: Filling) -> int:
-        """What the number must be for these values."""
+        """Return the number that the given values require."""
         raise NotImplementedError
 
     def measured(self, context: Container) -> int | None:
-        """What the number should be after what was read; None if that can't be told."""
+        """Return the number that the read segments require, or None if it cannot be determined."""
         raise NotImplementedError
 
     def read(self, stream: BytesIO, context: Container, path: str, place: Place) -> None:

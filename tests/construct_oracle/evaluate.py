@@ -101,7 +101,7 @@ def _operate(node: Node, lookup: Lookup) -> Any:
 
 
 def _compare(left: Any, rest: tuple[tuple[str, Node], ...], lookup: Lookup) -> Any:
-    """Chained comparisons; operands behind a false one are not worked out."""
+    """Evaluate chained comparisons; operands after the first false comparison are not evaluated."""
     result: Any = True
     for sign, operand in rest:
         right = evaluate(operand, lookup)
@@ -123,9 +123,9 @@ def _logic(word: str, operands: tuple[Node, ...], lookup: Lookup) -> Any:
 
 
 def attribute(value: Any, name: str) -> Any:
-    """`value.name`: an entry of a mapping, what an object of the engine offers, or the list of a list's attributes.
+    """Return `value.name`: an entry of a mapping, an attribute of an object, or the attributes of all list items.
 
-    What is nothing has nothing.
+    An attribute of an absent value is absent, too.
     """
     if value is None:
         return None

@@ -1,7 +1,7 @@
-"""What went wrong while a frame is read: faults in segment order, and the errors construct users get to see.
+"""Faults of reading a frame, in segment order, and the errors that callers of a construct get.
 
-Reading goes on behind a fault as long as the next segment can be found; `Stop` ends a region where it can't. Nothing
-here knows a kind of segment.
+Reading continues after a fault as long as the next segment can be located; `Stop` ends a region if it cannot. This
+module knows no kind of segment.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ class ConstructEncodeError(EncodeError, ConstructError):
 
 
 class Stop(ConstructError):  # noqa: N818 - it is a signal between constructs of one frame
-    """Nothing more can be read in this region; why has been noted."""
+    """End the reading of this region; the reason has already been noted."""
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a segment is read: its rank in reading order, its offset in the frame, and what a fault there means."""
+    """The place of a fault: rank in reading order, offset in the frame, segment label, refusal code."""
 
     order: int
     offset: int

@@ -159,7 +159,7 @@ class FieldConstruct(ValueSegment):
 
 
 def measured_value(segment: Field | Bits, name: str, filling: Filling, stream: BytesIO, context: Container) -> Any:
-    """A value to be written; None where only its room is asked for, and the value is worked out from that room."""
+    """Return the value to write, or None if only sizes are measured and the value depends on its own size."""
     try:
         return filling[name]
     except Circular:

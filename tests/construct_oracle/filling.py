@@ -1,7 +1,7 @@
-"""The values of a record that is to be built: what was given, and what is computed from it when somebody asks.
+"""Values of a record that is being built: given values, and values computed from them on demand.
 
-Values are worked out on demand, in whatever order they need each other, and may refer to later fields and to sizes of
-segments. How a kind of segment gets its value is the segments' business.
+Values are computed in whatever order they need each other, and may refer to later fields and to sizes of segments. Each
+kind of segment computes its own values.
 """
 
 from __future__ import annotations
@@ -52,34 +52,34 @@ class Owner(Protocol):
 
 @dataclass(slots=True)
 class Part:
-    """A segment's construct and what must hold for it to be there: for its holders, and for the segment itself."""
+    """The construct of a segment with its conditions of presence: those of its holders, and its own `when`."""
 
     construct: Owner
     holders: tuple[Condition, ...]
     when: Condition | None = None
 
     def is_held(self, filling: Filling) -> bool:
-        """Whether what holds it is there: its case is the chosen one, say."""
+        """Return whether all holders are present; for example, whether the case is the chosen case."""
         return all(condition(filling) for condition in self.holders)
 
     def is_there(self, filling: Filling) -> bool:
-        """Whether it is part of the frame."""
+        """Return whether the segment is part of the frame."""
         return self.is_held(filling) and (self.when is None or self.when(filling))
 
 
 @dataclass(slots=True)
 class Plan:
-    """What the names of a record mean: its values, and its segments (more than one when cases share a name)."""
+    """Values and segments of a record by name; a name has several parts if cases share it."""
 
     values: dict[str, list[Part]] = field(default_factory=dict)
     segments: dict[str, list[Part]] = field(default_factory=dict)
 
 
 class Filling(Mapping[str, Any]):
-    """The values of one record under construction; reading one computes it. `path` is what its names begin with.
+    """The values of a record under construction; reading a value computes it. `path` is the prefix of its names.
 
-    `item`: the list the record is an item of, and its place there; in its expressions the list is what stands before.
-    `words`: what an item knows of itself.
+    `item` is the list that the record is an item of, and its index; in the record's expressions, the list ends before
+    that item. `words` are the item words, such as index and last.
     """
 
     def __init__(
@@ -176,11 +176,11 @@ class Filling(Mapping[str, Any]):
                 owner.refuse_absent(self, name)
 
     def given_of(self, name: str) -> Any:
-        """What the caller gave, or MISSING."""
+        """Return the value that the caller gave, or MISSING."""
         return self.given.get(name, MISSING)
 
     def echo_of(self, name: str) -> Any:
-        """What the request says this field repeats, or MISSING without request."""
+        """Return the value of the request field that this field repeats, or MISSING without request."""
         expression = self.echo.get(name)
         if expression is None:
             return MISSING
@@ -234,7 +234,7 @@ class Filling(Mapping[str, Any]):
         return evaluate(expression.root, lookup)
 
     def word(self, name: str) -> Any:
-        """What the item around knows of itself."""
+        """Return an item word of the enclosing item."""
         filling: Filling | None = self
         while filling is not None and not filling.words:
             filling = filling.outer
@@ -253,7 +253,7 @@ class Filling(Mapping[str, Any]):
             raise self.error(own, f"'{own}' cannot be computed from '{expression}' and the values given") from None
 
     def size(self, expression: Expression, own: str) -> Any:
-        """The size an expression gives; None when it stands on something that nobody has announced yet."""
+        """Return the value of a size expression, or None if it depends on a name that has no value yet."""
         for name in names_in(expression.root):
             if not self._is_field(name) and self.names.is_unset(name):
                 return None

@@ -1,6 +1,6 @@
-"""How single values stand on the wire: construct objects for the field types, built from the library's own classes.
+"""Wire forms of single values: construct objects for the field types, built from the library's own classes.
 
-A form reads exactly its bytes and gives a number, a text or bytes; what the value means is not known here.
+A form reads exactly its bytes and returns a number, a text or bytes; it does not know the meaning of the value.
 """
 
 from __future__ import annotations
@@ -95,10 +95,10 @@ class Bcd(Adapter):
 
 
 class Text(Adapter):
-    """Latin-1 text in `size` bytes: up to `end` where there is one, without the `pad` bytes behind it.
+    """Latin-1 text in `size` bytes, up to `end` if given, without the `pad` bytes after it.
 
-    Builds exactly `size` bytes, filled up with `pad` (00 behind an `end`). Raises FormError for text that is too long,
-    too short with neither `pad` nor `end`, or not Latin-1.
+    Builds exactly `size` bytes, filled up with `pad` (with 00 after an `end`). Raises FormError for text that is too
+    long, not Latin-1, or too short without `pad` or `end`.
     """
 
     def __init__(self, size: int, pad: bytes | None, end: bytes | None) -> None:
@@ -123,7 +123,7 @@ class Text(Adapter):
 
 
 class StoppedText(Adapter):
-    """Latin-1 text up to one of some bytes, which is not read with it. Raises FormError for such a byte inside."""
+    """Latin-1 text up to a stop byte, which is not read with it. Raises FormError if the text contains a stop byte."""
 
     def __init__(self, stops: tuple[bytes, ...]) -> None:
         super().__init__(GreedyBytes)
@@ -143,10 +143,10 @@ class StoppedText(Adapter):
 
 
 class DecimalText(Adapter):
-    """A number in decimal text, as `decimal.Decimal` formats it; `size` characters, or what its end shows.
+    """A number in decimal text, as `decimal.Decimal` formats it, with `size` characters or up to its end.
 
-    Parses into an `int` where it is whole, else into a `Decimal`, and only texts that it would build itself. Raises
-    FormError for all others, and for numbers that it cannot show exactly.
+    Parses only texts that it would build itself: into an `int` if the number is whole, else into a `Decimal`. Raises
+    FormError for all other texts, and for numbers that the text cannot represent exactly.
     """
 
     def __init__(self, size: int | None, form: DecimalForm, end: bytes | None) -> None:
@@ -311,7 +311,7 @@ class NoDigits(Adapter):
 
 @lru_cache(maxsize=1024)
 def form_of(type_: FieldType, size: int) -> Construct:
-    """The form of `type_` in `size` bytes (digits: places). Text with an `end` takes what it takes."""
+    """Return the form of `type_` in `size` bytes (for digits: places). Text with an `end` takes the bytes up to it."""
     match type_.kind:
         case "int":
             return _ordered(BytesInteger(size, signed=type_.signed), size, type_.order) if size else NoDigits()

@@ -44,13 +44,13 @@ class Outcome:
 class FrameConstruct(Construct):
     """A frame of a protocol (or a layout): head, body and tail.
 
-    Parses everything to the end of its stream, which must be just one frame, into a Container of its values; where more
-    follows, put it into `Prefixed`, `FixedSized` or the like. Builds from a mapping; what can be computed may be left
-    out. Parameters, state, `request` and whatever else its expressions read are keyword arguments of `parse` and
-    `build`; constant defaults are known. `sizeof` gives the size of frames that never vary.
+    Parses the whole stream, which must hold exactly one frame, into a Container of its values; use `Prefixed`,
+    `FixedSized` or the like if more data follow. Builds from a mapping; computed values may be left out. Parameters,
+    state, `request` and other names of its expressions are keyword arguments of `parse` and `build`; constant defaults
+    are known. `sizeof` gives the size of frames of fixed size.
 
-    Raises ConstructFrameError (a FrameError) when parsing, ConstructEncodeError (an EncodeError) when building. A name
-    that parsing needs and nobody gave is a MissingName.
+    Raises ConstructFrameError (a FrameError) when parsing, ConstructEncodeError (an EncodeError) when building, and
+    MissingName if parsing needs a name that was not given.
     """
 
     def __init__(
@@ -129,7 +129,7 @@ class FrameConstruct(Construct):
         self.tail._parse(stream, context, path)
 
     def _end_of_body(self, stream: BytesIO, reading: Reading, context: Container) -> int | None:
-        """Where the body ends whatever is in it; None if that follows from its segments."""
+        """Return the end of the body if a mark or the frame size decides it; None if it follows from the segments."""
         if self.frame.delimited:
             start, mark = stream.tell(), self.end_mark
             found = stream.getvalue().find(mark, start, reading.region.end)
@@ -163,7 +163,7 @@ class FrameConstruct(Construct):
         stream.seek(end)
 
     def _read_end(self, stream: BytesIO, reading: Reading, size: int) -> None:
-        """Looks at what is left behind the last segment."""
+        """Note surplus bytes after the last segment, and a frame that is too short or too long."""
         place = reading.place(stream, "frame", self.frame.surplus)
         if reading.region.exact and stream.tell() < size:
             reading.note(place, "surplus", "", stream.getvalue()[stream.tell() :])

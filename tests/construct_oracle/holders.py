@@ -58,9 +58,10 @@ class Segments(Construct):
 
 
 class Fields(Construct):
-    """A record: segments whose values make one mapping, in a context of their own.
+    """A record: segments whose values form a mapping, in a context of their own.
 
-    Parses to a Container of the values. Builds from a `Filling`, and refuses what was given for absent segments.
+    Parses to a Container of the values. Builds from a `Filling`, and refuses values that were given for absent
+    segments.
     """
 
     def __init__(self, segments: Segments, plan: Plan) -> None:
@@ -86,7 +87,7 @@ class Fields(Construct):
 
 
 class ReadRecord(Container):
-    """The values of a record that is read. For expressions, one that is not there is nothing."""
+    """The values of a record that is being read. In expressions, a missing value is absent instead of an error."""
 
     def value_or_nothing(self, name: str) -> Any:
         return self.get(name)
@@ -95,7 +96,7 @@ class ReadRecord(Container):
 def open_context(
     outer: Container, state: State, stream: BytesIO, declared: frozenset[str], is_frame: bool = False
 ) -> Container:
-    """A context for a record, as construct's Struct makes it, with what the segments of a frame need beside that."""
+    """Return a context for a record, like that of construct's Struct, with the extra entries for frame segments."""
     context = Container(
         _=outer,
         _params=outer.get("_params"),
@@ -297,7 +298,7 @@ class RepeatConstruct(ValueSegment):
 
 
 class ItemEndConstruct(SegmentConstruct):
-    """The end of an item. Parses to whether it is the last one, where `until` tells it; builds nothing."""
+    """The end of an item. Parses to whether `until` makes it the last item; builds no bytes."""
 
     segment: ItemEnd
 

@@ -1,4 +1,4 @@
-"""Frames inside frames: which of the candidates it is, and where it ends."""
+"""Frames inside frames: select the matching candidate and find its end."""
 
 from __future__ import annotations
 
@@ -71,8 +71,8 @@ class InnerConstruct(ValueSegment):
     """A frame inside a frame: one of several candidates.
 
     Parses to a Container with one entry, the frame's name and its values, from the first candidate that fits or is to
-    be refused (those that exist to be refused come last); to `unknown` with the bytes if none fits but the region is
-    known. Builds from such a mapping. Raises Stop (parsing) when none fits and where it ends is not known.
+    be refused (candidates that exist to be refused come last); to `unknown` with the bytes if none fits but the region
+    is known. Builds from such a mapping. Raises Stop (parsing) if none fits and the end of the frame is unknown.
     """
 
     segment: Inner

@@ -48,7 +48,7 @@ def chained(key: object, data: object, iv: object = bytes(16)) -> bytes:
 
 
 def counted(key: bytes, first: bytes, data: bytes, bits: int) -> bytes:
-    """The data with what the counters make put on it; of the counter the last `bits` bits count."""
+    """Encrypt in counter mode: XOR the data with the encrypted counters, which count in their last `bits` bits."""
     number, found = int.from_bytes(first, "big"), b""
     mask = (1 << bits) - 1
     for place, part in enumerate(blocks(data)):
@@ -79,7 +79,7 @@ def filled(data: bytes) -> bytes:
 
 
 def galois(key: bytes, iv: bytes, also: bytes, data: bytes, encrypt: bool) -> tuple[bytes, bytes]:
-    """What comes out, and the whole tag."""
+    """Encrypt or decrypt in Galois/counter mode; return the output and the full tag."""
     first = iv + b"\0\0\0\1" if len(iv) == 12 else ghash(key, filled(iv) + bytes(8) + (8 * len(iv)).to_bytes(8, "big"))
     start = first[:12] + ((int.from_bytes(first[12:], "big") + 1) & 0xFFFFFFFF).to_bytes(4, "big")
     out = counted(key, start, data, 32)
@@ -89,7 +89,7 @@ def galois(key: bytes, iv: bytes, also: bytes, data: bytes, encrypt: bool) -> tu
 
 
 def checked(coding: Ciphered, key: object, iv: object, also: object = b"") -> tuple[bytes, bytes, bytes]:
-    """The values of a cipher. Raises ValueError for what are no such bytes."""
+    """Return the values of a cipher. Raises ValueError for values of the wrong type or length."""
     if not isinstance(key, bytes) or not isinstance(iv, bytes) or not isinstance(also, bytes):
         raise ValueError("no bytes")
     if len(key) not in (16, 24, 32):

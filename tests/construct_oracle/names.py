@@ -1,6 +1,6 @@
-"""Names that are no fields: the context a caller gives, start values of parameters and state, tables.
+"""Names that are not fields: the caller's context, start values of parameters and state, tables.
 
-`Names` is what expressions of a frame fall back on behind the frame's own fields. It knows no frames and no bytes.
+Expressions look a name up in `Names` if the frame has no such field. This module knows no frames and no bytes.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ CONTEXT_KEY = "_context"
 
 
 class Names:
-    """The lookup behind the fields: what the caller gave, then start values, then tables."""
+    """Lookup of names that are not fields: given values, then start values, then tables."""
 
     def __init__(self, given: Mapping[str, Any], known: Mapping[str, Any] | Names) -> None:
         self.given = given

@@ -39,7 +39,7 @@ class ConstantConstruct(SegmentConstruct):
 
 
 class SkipConstruct(SegmentConstruct):
-    """Bytes nobody looks at. Builds `fill`, repeated and cut."""
+    """Ignored bytes. Builds `fill`, repeated and cut to size."""
 
     segment: Skip
 
@@ -57,8 +57,8 @@ class SkipConstruct(SegmentConstruct):
 class DataConstruct(ValueSegment):
     """Bytes, converted and swapped between wire and memory.
 
-    Parses as many as `size` says, up to the end of the region for `rest`; notes `digits` for what is no hex and `short`
-    for fewer than `least`. Builds bytes of just that size, shorter ones (also none at all) filled with `pad`.
+    Parses `size` bytes, or up to the end of the region for `rest`; notes `digits` for invalid hex and `short` for fewer
+    than `least` bytes. Builds exactly that size; shorter (or missing) bytes are filled with `pad`.
     """
 
     segment: Data
@@ -153,10 +153,10 @@ class DataConstruct(ValueSegment):
 
 
 class DerivedConstruct(ValueSegment):
-    """A value that takes no bytes.
+    """A derived value that takes no bytes.
 
-    Parses to what `read` derives, and notes `value` when that fails. Builds nothing; what is given must be what `read`
-    would derive from the rest.
+    Parses to the value of the `read` expression, and notes `value` if that fails. Builds no bytes; a given value must
+    equal the derived value.
     """
 
     segment: Value
@@ -191,7 +191,7 @@ def _plain(value: Any) -> Any:
 
 
 class RequireConstruct(SegmentConstruct):
-    """A condition. Parsing notes `require` when it does not hold or can't be told, building raises EncodeError."""
+    """A condition. Parsing notes `require` if it is false or cannot be evaluated; building raises EncodeError."""
 
     segment: Require
 

@@ -171,7 +171,7 @@ class EscapeConstruct(WrapConstruct):
         self.read_content(plain, True, lambda at: offsets[min(at, len(offsets) - 1)], context, path, place)
 
     def _undoubled(self, wire: bytes, wanted: int | None, names: Names) -> tuple[bytes, list[int], int | None]:
-        """The content, where each of its bytes stands, and where it ends (None: its end is missing)."""
+        """Return the content, the offset of each of its bytes on the wire, and its end (None: the end is missing)."""
         plain, at = bytearray(), 0
         places: list[int] = []
         while wanted is None or len(plain) < wanted:
@@ -193,9 +193,10 @@ class EscapeConstruct(WrapConstruct):
 
 
 class CodedConstruct(WrapConstruct):
-    """Content that stands on the wire by a coding, byte by byte as its description says.
+    """Content that is encoded on the wire by a coding.
 
-    Parses as many bytes as `size` says, else up to the end of the region. Notes `constant` for what the coding has not.
+    Parses `size` bytes if given, else up to the end of the region. Notes `constant` for bytes that the coding cannot
+    make.
     """
 
     def to_wire(self, plain: bytes, names: Names) -> bytes:
@@ -281,7 +282,7 @@ class CodedConstruct(WrapConstruct):
         self.read_content(plain, True, lambda at: offsets[min(at, len(offsets) - 1)], context, path, place)
 
     def _up_to_the_end(self, reading: Reading, stream: BytesIO) -> int | None:
-        """How far it is to the constant behind it, if the coding cannot make its first byte."""
+        """Return the distance to the constant that follows, if the coding cannot make its first byte; else None."""
         end = next(in_place_of_records(tuple(one.segment for one in reading.following)), None)
         if not isinstance(end, Const) or end.when is not None or end.data[0] not in self.segment.coding.never:
             return None
@@ -292,7 +293,7 @@ class CodedConstruct(WrapConstruct):
 
 
 def with_codes(coding: Blocks, plain: bytes, names: Names) -> bytes:
-    """Content with a check code behind every block."""
+    """Return the content with a check code after every block."""
     check, wire = CheckConstruct(coding.check_code), b""
     while plain:
         block, plain = plain[: coding.size], plain[coding.size :]
@@ -335,7 +336,10 @@ def coded(coding: Coding, plain: bytes) -> bytes:
 
 
 def uncoded(coding: Coding, wire: bytes, size: int | None = None) -> tuple[bytes | None, list[int]]:
-    """The content (None where the wire is none) and where each of its bytes stands; last the place of what is wrong."""
+    """Return the decoded content, or None if it is invalid, and the wire offset of each of its bytes.
+
+    The last offset is that of the error, if any.
+    """
     plain, places, at = bytearray(), [0][:0], 0
     if isinstance(coding, Plain):
         return wire, list(range(len(wire)))

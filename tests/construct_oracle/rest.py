@@ -1,4 +1,4 @@
-"""Where the rest of a region ends: by what is known to follow, or by trying the places where a constant stands."""
+"""Find the end of the rest of a region: by the size of the following segments, or by trying matches of a constant."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from framekit.definition.model.segments import Const
 
 
 def rest_size(construct: SegmentConstruct, stream: BytesIO, context: Container, place: Place) -> int:
-    """How many bytes a `rest` takes. Raises Stop when its end is before its start.
+    """Return the number of bytes that a `rest` takes. Raises Stop if its end is before its start.
 
-    Where what follows has no known size but begins with a constant, the rest ends at the first place where that
-    constant stands and everything after it fits.
+    If the size of the following segments is unknown but they begin with a constant, the rest ends at the first match of
+    the constant from which on all following segments fit.
     """
     reading: Reading = context._state
     room, start = reading.room(context), stream.tell()
@@ -32,7 +32,7 @@ def rest_size(construct: SegmentConstruct, stream: BytesIO, context: Container, 
 
 
 def _first_fit(construct: SegmentConstruct, constant: bytes, stream: BytesIO, context: Container) -> int | None:
-    """The first place of `constant` from which on everything fits; the stream is left where it was."""
+    """Return the first offset of `constant` from which on everything fits; restore the stream position."""
     reading: Reading = context._state
     start = stream.tell()
     region = stream.read(reading.region.end - start)
@@ -49,7 +49,10 @@ def _first_fit(construct: SegmentConstruct, constant: bytes, stream: BytesIO, co
 
 
 def _fits_at(end: int, construct: SegmentConstruct, stream: BytesIO, context: Container) -> bool:
-    """Reads the rest up to `end` and what follows on copies of everything. Whether no fault is found."""
+    """Return whether the rest up to `end` and all following segments can be read without a fault.
+
+    Reading works on copies of all state.
+    """
     trial = context._state.copy()
     there = Container(context, _state=trial)
     for key in ("_values", "_marks", "_orders"):

@@ -1,6 +1,6 @@
-"""Sizes that are known before the bytes are read: what stands behind the rest of a region, and sizes of whole frames.
+"""Sizes that are known before reading: of the segments after the rest of a region, and of whole frames.
 
-It reads the model only. An `Evaluate` gives the value of an expression as far as it is known, else None.
+This module reads the model only. An `Evaluate` returns the value of an expression, or None if it is not known yet.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ Evaluate = Callable[[Expression], Any]
 
 
 def nothing_known(expression: Expression) -> None:
-    """The `Evaluate` of somebody who has read nothing."""
+    """The `Evaluate` before any byte is read: no expression has a value."""
 
 
 def wire_size(data: Data, size: int) -> int:
@@ -58,7 +58,7 @@ class KnownSizes:
         self._of_frame: dict[str, int | None] = {}
 
     def frame(self, name: str) -> int | None:
-        """Size of every frame of that name; None if it varies."""
+        """Return the size of every frame of this name, or None if it varies."""
         if name not in self._of_frame:
             self._of_frame[name] = None
             self._of_frame[name] = self.of_frame(self.frames[name])
@@ -130,7 +130,7 @@ class KnownSizes:
 
 
 def _from_outside(of: Segments, evaluate: Evaluate) -> Evaluate:
-    """What is known outside a record of expressions inside that name nothing of the record itself."""
+    """Restrict `evaluate` to expressions that use no value of the record itself; all others return None."""
     own = {name for segment in flat(of) for name in segment.value_names}
     return lambda expression: None if names_in(expression.root) & own else evaluate(expression)
 

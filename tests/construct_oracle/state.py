@@ -1,6 +1,6 @@
-"""What is going on while one frame is read or written: the current region, the bytes seen so far, names of segments.
+"""State of reading or writing a frame: the current region, the bytes seen so far, names of segments.
 
-One such state travels in the construct context of a frame (`context._state`); records inside share it. It knows how
+The state travels in the construct context of a frame (`context._state`); the records inside share it. It knows how
 fields are looked up in contexts, but no kind of segment.
 """
 
@@ -40,7 +40,7 @@ class Leaf:
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """Which leaves a named segment consists of, and the bytes it takes where it stands."""
+    """The leaves of a named segment, and the offset and number of its bytes on the wire."""
 
     first: int
     last: int
@@ -62,7 +62,7 @@ class State:
 
     @contextmanager
     def as_it_stands(self, stream: BytesIO) -> Iterator[None]:
-        """What stands between entering and leaving counts in a check code as it is on the wire, wraps included."""
+        """Let check codes cover the bytes between entry and exit as they are on the wire, wraps included."""
         first, start = len(self.leaves), stream.tell()
         yield
         self.lists[first] = len(self.leaves), stream, start, stream.tell()
@@ -95,7 +95,7 @@ class State:
 
     @contextmanager
     def marked(self, name: str | None, stream: BytesIO, context: Container, path: str) -> Iterator[None]:
-        """Notes what stands between entering and leaving as the segment `name`."""
+        """Record the bytes between entry and exit as the segment `name`."""
         first, start = len(self.leaves), stream_tell(stream, path)
         yield
         if name is not None:
@@ -133,7 +133,7 @@ def is_marked(context: Container, name: str) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Region:
-    """Where reading must end. `exact`: what is read reaches just there, so that the rest of a region is known."""
+    """The end of the readable bytes. `exact`: reading must reach this end, so the size of a rest is known."""
 
     end: int
     exact: bool
@@ -162,7 +162,7 @@ class Reading(State):
         self.faults.note(place, cause, expected, found)
 
     def stop(self, place: Place, cause: str, expected: object = "", found: object = "") -> Stop:
-        """Notes a fault behind which nothing can be found; the caller raises what this returns."""
+        """Note a fault that prevents locating any later segment. Return the exception for the caller to raise."""
         self.note(place, cause, expected, found)
         return Stop(f"{cause} fault at '{place.label}'")
 
@@ -186,7 +186,7 @@ class Reading(State):
         self.later = []
 
     def copy(self) -> Reading:
-        """A reading that goes on from here by itself and has found nothing wrong yet."""
+        """Return an independent copy of the reading, without its faults."""
         other = Reading(self.names, self.sizes, self.region)
         other.following, other.offset, other.order = self.following, self.offset, self.order
         other.leaves, other.lists = list(self.leaves), dict(self.lists)
@@ -199,14 +199,14 @@ class Reading(State):
         context._orders[name] = place.order
 
     def leave_out(self, context: Container, names: Iterable[str]) -> None:
-        """Says that these values are not there: in expressions they are nothing."""
+        """Mark these values as absent for expressions."""
         context._left_out.update(names)
 
     def evaluate(self, expression: Expression, context: Container, own: str = "") -> Any:
-        """The expression's value; `own` is the field it belongs to, whose name then means something outside.
+        """Return the value of an expression; `own` is the field it belongs to.
 
-        Raises one of EVALUATION_ERRORS, also for fields that are not read yet; one that is left out is nothing, and the
-        list around an item holds those before it.
+        The name `own` refers to the outer scope. Raises one of EVALUATION_ERRORS, also for fields that are not read
+        yet. A field that is left out is absent. The list around an item holds only the items before it.
         """
 
         def lookup(name: str) -> Any:
@@ -247,7 +247,7 @@ class Reading(State):
         return known
 
     def room(self, context: Container) -> Region:
-        """What the current segment may take: the region without what is known to follow in it."""
+        """Return the region that the current segment may take: without the known size of the following segments."""
         behind = self.sizes.all((construct.segment for construct in self.following), self.known_in(context))
         if behind is None or not self.region.exact:
             return Region(self.region.end, exact=False)
@@ -261,7 +261,7 @@ class Reading(State):
 
     @contextmanager
     def within(self, region: Region) -> Iterator[None]:
-        """Reads in another region of the same bytes; what follows there is not known yet."""
+        """Read in another region of the same bytes, where no following segments are known yet."""
         before = self.region, self.following
         self.region, self.following = region, ()
         try:
@@ -281,9 +281,9 @@ class Reading(State):
 
 
 class Writing(State):
-    """A frame being built. `measuring`: only sizes are asked for, so that checks need not be right.
+    """The state of building a frame. `measuring`: only sizes are needed, so check codes may be wrong.
 
-    `texts`: what ends before one of several bytes, with its stream and the places where it began and ended.
+    `texts`: each text with stop bytes, with its stream, start and end.
     """
 
     def __init__(self, names: Names, measuring: bool = False) -> None:

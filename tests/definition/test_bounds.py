@@ -1,4 +1,4 @@
-"""What a definition asks for has a bound: it is refused with place and remedy before room or work is spent on it."""
+"""Bounds of a definition: a value beyond a bound is refused, with place and remedy, before it costs memory or time."""
 
 from __future__ import annotations
 
@@ -198,7 +198,7 @@ def test_frames_that_no_constant_tells_apart_have_a_bound(tmp_path: Path) -> Non
 
 
 def test_what_includes_a_layout_that_is_too_large_is_not_read() -> None:
-    """Each of these layouts holds the one before twice, so all behind the twelfth are too large."""
+    """Each of these layouts contains the previous layout twice, so all layouts after the twelfth are too large."""
     twice = [f"  L{number}: [{{include: L{number - 1}}}, {{include: L{number - 1}}}]" for number in range(1, 26)]
     layouts = ["  L0: [{const: 06}]", *twice]
     text = "\n".join(["protocol: bomb", "layouts:", *layouts, "frames:", "  f: {body: [{include: L25}]}"])

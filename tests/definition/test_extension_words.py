@@ -1,4 +1,7 @@
-"""Words that programs bring: each has one owner, which may bring it again, and replaces nothing of another."""
+"""Words that extension programs register: each word has one owner, which may register it again.
+
+No other may replace it.
+"""
 
 from __future__ import annotations
 

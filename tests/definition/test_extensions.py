@@ -1,4 +1,4 @@
-"""Modules that installed packages bring: imported before a definition is read, and told where they cannot be."""
+"""Modules of installed extension packages: imported before a definition is read; a failed import is reported."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 def new_process() -> None:
-    """As a process begins: no extension has been imported, and nothing loaded."""
+    """Reset all import and load caches, as if a process began."""
     library._kept.clear()
     brought.import_installed.cache_clear()
     brought.MODULES.clear()

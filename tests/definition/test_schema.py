@@ -1,4 +1,4 @@
-"""The schemas: what they allow, and in which words and at which places they refuse."""
+"""The schemas: accepted definitions, and the messages and places of refusals."""
 
 from __future__ import annotations
 

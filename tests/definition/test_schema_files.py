@@ -1,4 +1,4 @@
-"""`schemas/` says what the tables of keys say, as their script writes it."""
+"""The files in `schemas/` equal the output of their script for the tables of keys."""
 
 from __future__ import annotations
 

@@ -99,7 +99,7 @@ def test_files_of_a_root_name_each_other_upwards(tmp_path: Path, monkeypatch: py
 
 
 def installed(folder: Path, distribution: str, points: str) -> None:
-    """What an installer leaves of a package with entry points."""
+    """Write the metadata of an installed package with entry points."""
     info = folder / f"{distribution}-1.0.dist-info"
     write(info / "METADATA", f"Metadata-Version: 2.1\nName: {distribution}\nVersion: 1.0\n")
     write(info / "entry_points.txt", f"[framekit.protocols]\n{points}\n")

@@ -45,7 +45,7 @@ class Checklist:
     sources: dict[str, list[Path]]
     rows: list[Row]
     not_covered: str
-    """The text of the section of that name."""
+    """Text of the section "not covered"."""
 
 
 def checklists() -> list[Path]:

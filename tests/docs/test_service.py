@@ -1,4 +1,4 @@
-"""The unit of systemd and the container file of the examples: what they name is there, and what they start works."""
+"""The systemd unit and the container file of the examples: the files they name exist, and their commands work."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_systemd_takes_the_unit(tmp_path: Path) -> None:
 
 
 def instructions(word: str) -> list[str]:
-    """What stands behind a word of the container file, in order."""
+    """Return the arguments of all instructions of this name in the container file, in order."""
     lines = CONTAINER.read_text("utf-8").splitlines()
     return [line.removeprefix(f"{word} ") for line in lines if line.startswith(f"{word} ")]
 

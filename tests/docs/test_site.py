@@ -34,7 +34,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 class Silent(SimpleHTTPRequestHandler):
     def log_message(self, format: str, *words: object) -> None:
-        """Nothing."""
+        """Discard the log message."""
 
 
 @pytest.fixture(scope="module")

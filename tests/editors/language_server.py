@@ -36,7 +36,7 @@ class LanguageServer:
         return {"yaml": {"schemas": schemas, "validate": True, "completion": True, "schemaStore": {"enable": False}}}
 
     def problems(self, uri: str, text: str) -> list[Message]:
-        """What it says of a text."""
+        """Return the diagnostics for a text."""
         self.told.pop(uri, None)
         self.opened(uri, text)
         while uri not in self.told:
@@ -44,7 +44,7 @@ class LanguageServer:
         return self.told[uri]
 
     def completions(self, uri: str, text: str, mark: str = "|") -> list[str]:
-        """What it offers at the mark in a text."""
+        """Return the completions offered at the mark in a text."""
         before, _, after = text.partition(mark)
         self.problems(uri, before + after)  # then the schema has been read
         line = before.count("\n")
@@ -75,7 +75,7 @@ class LanguageServer:
         self.process.stdin.flush()
 
     def _take(self) -> Message:
-        """The next message; what the program asks is answered."""
+        """Return the next message; store diagnostics and answer requests of the server."""
         assert self.process.stdout is not None
         size = 0
         while line := self.process.stdout.readline().strip():

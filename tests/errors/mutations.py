@@ -64,6 +64,6 @@ def at(tree: Any, path: tuple[Any, ...]) -> Any:
 
 
 def dumped(tree: Any) -> str:
-    """YAML of a tree; thousands of them are made, so by the quick writer where it is there."""
+    """Return YAML of a tree. Thousands of trees are dumped, so the C writer is used if it is available."""
     writer = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
     return str(yaml.dump(tree, Dumper=writer, sort_keys=False, allow_unicode=True))

@@ -1,7 +1,7 @@
-"""Wrong definitions and run files, each with the exact messages it has to give.
+"""Invalid definitions and run files with their exact error messages.
 
-Every file of the folders beside this one begins with comments `# expect: FILE:LINE:COLUMN: what – todo`, one for every
-problem, in order; FILE is the file itself, other files stand by their names. A file without such comments is right.
+Every file in the folders next to this module begins with comments `# expect: FILE:LINE:COLUMN: what – todo`, one for
+every problem, in order. FILE is the file itself; other files are given by name. A file without such comments is valid.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Every key of rich files with wrong values: what is wrong is told as problems, never as a traceback.
+"""Every key of rich files with wrong values: errors are reported as problems, never as a traceback.
 
 The long test gives most keys one of the twelve kinds of values; `FRAMEKIT_EVERY=1` gives each key all of them.
 """

@@ -1,6 +1,6 @@
-"""Shipped files with random changes: whatever is wrong with them, it is told as problems, never as a traceback.
+"""Shipped files with random changes: errors are reported as problems, never as a traceback.
 
-Small files, so that hundreds of changes take seconds; FRAMEKIT_MUTATIONS=N tries N a file, on all of them.
+The files are small, so hundreds of changes take seconds; FRAMEKIT_MUTATIONS=N makes N changes per file, of all files.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ EACH = WANTED or 26
 
 
 def beside(source: Path, folder: Path) -> None:
-    """The files that stand beside a source, for what it refers to."""
+    """Link the other files of the source's folder, which the source may refer to."""
     for other in source.parent.glob("*.yaml"):
         if other != source:
             (folder / other.name).symlink_to(other)

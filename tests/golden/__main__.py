@@ -1,13 +1,12 @@
-"""`python -m tests.golden`: compares what is frozen with what the code makes now, and shows what has changed.
+"""Compare the stored texts with the texts that the code makes now, and show the differences.
 
-    python -m tests.golden [PROTOCOL …]            says which cases differ
-    python -m tests.golden --write [PROTOCOL …]    keeps what the code makes now
+    python -m tests.golden [PROTOCOL …]            lists the cases that differ
+    python -m tests.golden --write [PROTOCOL …]    stores the texts that the code makes now
     python -m tests.golden --diff REVISION [PROTOCOL …]   shows the texts that differ from those of a commit
     python -m tests.golden --dump FOLDER [PROTOCOL …]     writes all texts into a folder
-    python -m tests.golden --frames                draws sample frames for frames that have none yet
+    python -m tests.golden --frames                draws sample frames where they are missing
 
-`--only damage` (or source, stream, capture, conversation, message, or the beginning of a case's name) leaves out the
-rest.
+`--only damage` (or source, stream, capture, conversation, message, or a prefix of a case's name) selects cases.
 """
 
 from __future__ import annotations
@@ -95,7 +94,7 @@ def dump(folder: Path, names: list[str], only: str) -> None:
 
 
 def diff(revision: str, names: list[str], only: str, most: int | None) -> int:
-    """Dumps the texts that the code of that commit makes, with the cases as they are here, and compares them."""
+    """Compare the texts of the current code with the texts that the code of a commit makes from the current cases."""
     root = HERE.parent.parent
     wanted = ["git", "archive", "--format=tar", revision, "framekit", "schemas"]
     packed = subprocess.run(wanted, cwd=root, stdout=subprocess.PIPE, check=True).stdout

@@ -1,7 +1,7 @@
-"""What is frozen: generated source, what receivers find, damaged frames, conversations. Each case is a name and a text.
+"""The frozen texts: generated source, frames found by receivers, damaged frames, conversations.
 
-All random choices have fixed seeds, and frames come from `frames/*.txt` here, so that a text changes only when the
-code that makes it changes. A case that is `quick` belongs to every run of the tests.
+Each case is a name and a text. All random choices have fixed seeds, and the frames come from `frames/*.txt`, so a text
+changes only if the code that makes it changes. Cases that are `quick` are part of every test run.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ HOUR = 3_600_000 * MS
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """`name` is what it is of, from the general to the particular, with `/` between. `make` makes the text."""
+    """A frozen text: `name` is a path from the general to the particular; `make` returns the text."""
 
     name: str
     make: Callable[[], str]
@@ -132,7 +132,7 @@ def sources(one: Shipped) -> Iterator[Case]:
 
 @cache
 def parts_of(one: Shipped, standalone: bool) -> dict[str, str]:
-    """A generated module by kinds of functions; `rest` is what is no function of a frame."""
+    """Return the text of a generated module by kind of function; `rest` is the code outside functions of frames."""
     text = generate_source(one.protocol, standalone=standalone)
     lines, parts = text.splitlines(), dict[str, list[str]]()
     for node in ast.parse(text).body:
@@ -167,7 +167,7 @@ def damaged(data: bytes, choose: Random) -> bytes:
 
 
 def damage(one: Shipped) -> Iterator[Case]:
-    """Damaged frames: cause, segment, place and refusal; in cases of their own what the message says."""
+    """Yield cases of damaged frames: cause, segment, offset and refusal; the messages are cases of their own."""
     for name in one.frames:
         for part, size in (("some", SOME), ("more", damaged_each() - SOME)):
             yield Case(f"damage/{name}/{part}", partial(_damage, one, name, part, size), part == "some")
@@ -191,7 +191,7 @@ def damaged_each() -> int:
 
 @cache
 def found_in(one: Shipped, name: str, part: str, count: int) -> tuple[str, str]:
-    """What is found in damaged frames, and what is said about them."""
+    """Return the faults of damaged frames, and their messages."""
     choose, names, samples = Random(f"{one.name} {name} {part}"), one.names(name), one.frames[name]
     found, words = [], []
     for _ in range(count):
@@ -274,7 +274,7 @@ def cut(data: bytes, choose: Random, longest: int) -> list[bytes]:
 
 
 def streams(one: Shipped) -> Iterator[Case]:
-    """What a receiver finds in streams: whole, cut, with pauses and damaged characters, and in noise."""
+    """Yield cases of streams in a receiver: whole, cut, with pauses and damaged characters, and in noise."""
     for number in range(STREAMS if one.on_line else 0):
         for kind in ("whole", "cut", "strange", "noise"):
             yield Case(f"stream/{kind}/{number}", partial(_found, one, kind, number), number < 2)
@@ -367,7 +367,7 @@ def told(event: Arrival) -> str:
 
 
 def heard(one: Shipped, data: bytes, client: Any, choose: Random) -> str:
-    """What somebody hears who listens to the line; with `client`, each side speaks on a wire of its own."""
+    """Return the frames that a listener on the line finds; with `client`, each side has a wire of its own."""
     seen: list[Seen] = []
     listener = Listener(one.protocol, one.codec, seen.append, client=client, line=default_line(one.protocol))
     direction, now = "in", 0
@@ -392,7 +392,7 @@ def shown(seen: Seen) -> str:
 
 
 def conversations(one: Shipped) -> Iterator[Case]:
-    """What the tested side of every conversation of the vectors shows to its monitor, in order."""
+    """Yield a case for each conversation of the vectors: the monitor output of the tested side, in order."""
     file = find_definition(f"{one.name}.vectors.yaml", FRAMES)
     known: dict[str, int] = {}
     for number, case in enumerate(load_vectors(file).conversations if file is not None else ()):

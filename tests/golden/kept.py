@@ -1,4 +1,4 @@
-"""The kept hashes: one file a protocol, one line a case. Reading, writing, and what does not agree."""
+"""Stored hashes of the frozen texts, one file per protocol and one line per case: read, write, compare."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ FOLDER = Path(__file__).parent / "kept"
 
 
 def hash_of(case: Case) -> str:
-    """The hash of the case's text; nothing for a case without any."""
+    """Return the hash of the case's text, or '' if the text is empty."""
     text = case.make()
     return sha256(text.encode()).hexdigest()[:12] if text else ""
 

@@ -1,4 +1,4 @@
-"""What the code makes of the shipped protocols is what is kept here (README.md tells how to keep a change)."""
+"""The texts made from the shipped protocols equal the stored texts (README.md explains how to store a change)."""
 
 from __future__ import annotations
 

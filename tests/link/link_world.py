@@ -74,7 +74,7 @@ def feed(
     step: int = 0,
     quiet_at_end: bool = True,
 ) -> list[tuple[Any, ...]]:
-    """Everything that the pieces bring, handed over `step` ns apart, and what silence brings behind them."""
+    """Return all events for pieces that arrive `step` ns apart, and for the silence after them."""
     found, now = [], 0
     for piece in pieces:
         receiver.append(piece, now)
@@ -95,7 +95,7 @@ def cut_at(data: bytes, places: Sequence[int]) -> list[bytes]:
 
 
 class Echoing:
-    """A server that answers with what a function makes of the request."""
+    """A server whose replies are computed from the requests by a function."""
 
     def __init__(self, answer: Callable[[FrameValue], FrameValue | None]) -> None:
         self.answer = answer
@@ -114,7 +114,7 @@ class Echoing:
 
 
 class Side:
-    """One engine on virtual time, with what it sent and was told. The other side is the test, or another `Side`."""
+    """An engine on virtual time, with its transmissions and events. Its peer is the test, or another `Side`."""
 
     def __init__(self, text: str, role: str | None, *, line: LineFormat | None = None, **options: Any) -> None:
         protocol, codec = compiled(text)
@@ -179,7 +179,7 @@ class Side:
         self.now = end
 
     def gets(self, data: bytes, *, faults: dict[int, LineFault] | None = None, whole: bool = False) -> None:
-        """Bytes arrive one by one, or `whole` in one piece after the time they take."""
+        """Receive bytes one by one, or with `whole` in one piece after their transmission time."""
         pieces = [data] if whole else [data[index : index + 1] for index in range(len(data))]
         place = 0
         for piece in pieces:
@@ -203,7 +203,7 @@ class Side:
         return exchange
 
     def taken(self) -> list[bytes]:
-        """What was sent since the last call."""
+        """Return the transmissions since the last call."""
         found = [data for _, data in self.sent]
         self.sent.clear()
         self.forwarded = 0
@@ -214,7 +214,7 @@ class Side:
 
 
 def connect(one: Side, other: Side, time: int, damage: Callable[[bytes], bytes] = lambda data: data) -> None:
-    """Lets two sides talk for a time; `damage` changes what goes over the line."""
+    """Let two sides communicate for a time; `damage` changes the transmitted bytes."""
     end = one.now + time
     while True:
         at = min(one.next_time(), other.next_time())

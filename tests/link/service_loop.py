@@ -1,4 +1,4 @@
-"""A client and a server of one protocol with nothing between them but bytes: no line, no time, no sequences."""
+"""A client and a server of one protocol, connected by bytes only: without line, time and sequences."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ def codec_of(protocol_key: str) -> tuple[Protocol, Any]:
 
 
 class Loop:
-    """Stands in for the client's engine; `log` holds (request, reply, served) of every exchange.
+    """A replacement of the client's engine; `log` holds (request, reply, served) of every exchange.
 
-    `outcomes` are told in place of what the server made. `damage` changes a reply before the client sees it.
+    `outcomes` are reported instead of the server's replies. `damage` changes a reply before the client receives it.
     """
 
     def __init__(

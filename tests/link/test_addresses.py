@@ -1,4 +1,4 @@
-"""Addresses: every notation of the specifications, what they mean, what is refused, and texts made again of places."""
+"""Addresses: every notation of the specifications, its meaning, refused texts, and formatting a place as text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a bad frame is called that may have been either of several."""
+"""The name under which a bad frame is reported if it may be one of several frames."""
 
 from __future__ import annotations
 

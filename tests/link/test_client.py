@@ -1,4 +1,4 @@
-"""The client: which requests transfers become, what it makes of replies, and what it refuses to ask."""
+"""The client: requests of a transfer, evaluation of replies, and refused transfers."""
 
 from __future__ import annotations
 
@@ -394,7 +394,7 @@ def test_monitors_are_registered_by_address_and_run() -> None:
 
 
 class Noted(Asked):
-    """What an `ask` step would get told."""
+    """An `ask` step that records its outcomes."""
 
     def __init__(self) -> None:
         self.params: dict[str, Any] = {}

@@ -1,4 +1,4 @@
-"""A server writes as many bits as a request names, and leaves those behind as they are."""
+"""A server writes as many bits as the request names; the bits after them do not change."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Addresses of every processor family: the bytes READ and WRITE send, and what a simulated processor makes of them."""
+"""Addresses of every processor family: the bytes of READ and WRITE, and their execution by a simulated processor."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Pair(Commands):
         return self._finish(results)
 
     def commands(self) -> list[str]:
-        """CMD and what follows the transaction number, of everything that was sent."""
+        """Return CMD and the bytes after the transaction number, for all transmissions since the last call."""
         found = [f"{data[0]:02X} {data[4:].hex(' ').upper()}".strip() for data in self.sent]
         self.sent.clear()
         return found

@@ -1,4 +1,4 @@
-"""Nothing of the command set is forgotten: every command has a frame, a vector, a service and processors that do it."""
+"""The command set is complete: every command has a frame, a vector, a service and processors that execute it."""
 
 from __future__ import annotations
 

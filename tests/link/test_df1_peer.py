@@ -1,5 +1,8 @@
-"""An independent implementation, df1py3, beside this one: frames of random payloads with plenty of 10h both ways, and
-its client at work on a simulated processor, all on the virtual clock. Skipped only where it is not installed."""
+"""An independent implementation, df1py3, as a peer on the virtual clock.
+
+Frames of random payloads with many 10h bytes in both directions, and its client with a simulated processor. Skipped
+only if it is not installed.
+"""
 
 from __future__ import annotations
 
@@ -135,7 +138,7 @@ def test_it_finds_the_frames_of_a_stream() -> None:
 
 
 class Wire(BasePlc, PortEvents):
-    """Its way to a simulated device: what it sends goes over the line, and time goes on until the device is quiet."""
+    """The peer's transport to a simulated device: after a transmission, time runs until the device is silent."""
 
     def __init__(self, line: SimulatedLine, clock: VirtualClock) -> None:
         super().__init__()

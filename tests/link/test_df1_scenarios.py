@@ -56,7 +56,7 @@ TABLES = {
 
 
 def names_of(role: str) -> Iterator[str]:
-    """What the conversations of one end are called."""
+    """Return the names of the conversations of one role."""
     return (case.name for case in vectors_of("df1").conversations if case.role == role)
 
 

@@ -1,5 +1,5 @@
 # ruff: noqa: E501 - definitions in YAML
-"""Lanes side by side, queues, delivered frames, sessions, asked services, frames inside others; and what does not listen."""
+"""Parallel lanes, queues, delivered frames, sessions, `ask` steps, inner frames, and steps that do not listen."""
 
 from __future__ import annotations
 

@@ -765,7 +765,10 @@ INNER = """
 
 @pytest.mark.parametrize("sent", ["{yes: {x: reply.x}}", "{outer: {pdu: {middle: {pdu: reply}}}}"])
 def test_a_reply_that_has_gone_out_another_way_is_not_told_to_the_server(sent: str) -> None:
-    """Made anew of its fields, or in a frame inside another one; the next reply is told of all the same."""
+    """A reply that is built again from its fields or sent inside another frame does not count as sent to the server.
+
+    The next reply is reported as usual.
+    """
     steps = ANSWERED.replace("send: reply, then: idle", f"send: {sent}, then: spoilt")
     steps += "    - {step: spoilt, send: {ask: {x: asked.x + 255}}, then: idle}\n"
     text = protocol(steps, roles="server: {lanes: {main: {listen: listen}}}").replace("receiver:", f"{INNER}receiver:")

@@ -49,7 +49,7 @@ def test_where_no_item_has_it_the_device_refuses() -> None:
 
 
 def test_an_item_that_is_not_there_is_nothing() -> None:
-    """A result is nothing then, and `either` says what it is instead."""
+    """The result of a missing item is absent; `either` replaces an absent value."""
     text = TABLE.replace('      refuse: [{when: "request.wanted not in request.items.id", code: 4}]\n', "")
     none = 'none: "request.items[find(request.items.id, 77)].v"'
     text = text.replace("gives: {v: reply.v, ", f"gives: {{v: reply.v, {none}, ")

@@ -64,7 +64,7 @@ def documents() -> tuple[Any, ...]:
 
 
 EACH = 2
-"""Places that a key of the schema is tried at, the first and one behind the middle."""
+"""Number of places tested per key of the schema: the first, and another after the middle."""
 
 
 def places() -> list[tuple[int, tuple[Any, ...], str]]:
@@ -82,7 +82,7 @@ PLACES = places()
 
 @cache
 def module_code(number: int) -> CodeType:
-    """The compiled frames of a document, which what is changed here does not reach: see NOT_READ."""
+    """Return the compiled frames of a document, which the changes of this module do not affect: see NOT_READ."""
     return code_of(load_protocol_text(yaml_of(documents()[number]), "hostile"))
 
 

@@ -39,7 +39,7 @@ def kinds(found: list[tuple[Any, ...]]) -> list[Any]:
 
 
 def names(found: list[tuple[Any, ...]]) -> list[Any]:
-    """What was found, noise as its bytes only: what of it comes together depends on when it was looked at."""
+    """Return the events, noise as its bytes only: the grouping of noise depends on the times of reading."""
     return [item for item in found if item[0] != "noise"]
 
 

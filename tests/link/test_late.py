@@ -1,4 +1,4 @@
-"""Late replies at the engine: what is held back, until when, and what ends that sooner."""
+"""Late replies at the engine: which requests are held back, for how long, and which events release them earlier."""
 
 from __future__ import annotations
 
@@ -24,7 +24,10 @@ LINE = parse_format("8N1", 19200)
 
 
 class Side:
-    """A client whose frames leave at once; `sent` are those that have, `replies` what a device says to each."""
+    """A client whose frames are transmitted at once.
+
+    `sent` are its transmissions, `replies` the device's reply to each.
+    """
 
     def __init__(self, text: str = REGISTERS, role: str = "client", **params: Any) -> None:
         protocol = load_protocol_text(text, "made_up") if "\n" in text else load_protocol(text)
@@ -63,7 +66,7 @@ class Side:
         self.until(self.now)
 
     def until(self, time: int) -> None:
-        """Times run out, up to this one."""
+        """Run all timers up to this time."""
         while self.engine.deadline <= time:
             self.now = max(self.now, self.engine.deadline)
             self.do(self.engine.tick(self.now))
@@ -400,7 +403,7 @@ ASKED = {"station": 3, "address": 5, "count": 1}
 
 
 def test_the_reply_to_a_frame_by_itself_is_no_reply_to_the_next_request() -> None:
-    """A SEND of a service's request, and a READ right behind it: the values of the one are not those of the other."""
+    """SEND of a service's request, and READ right after it: the values of one are not returned for the other."""
     side = Side()
     side.do(side.engine.send_frame("read", side.now, ASKED))
     side.read("R1", 11)
@@ -415,7 +418,7 @@ def test_the_reply_to_a_frame_by_itself_is_no_reply_to_the_next_request() -> Non
 
 @pytest.mark.parametrize("name", ["modbus-rtu", "modbus-ascii"])
 def test_the_reply_to_a_frame_by_itself_that_carries_a_request_is_none_to_the_next_one(name: str) -> None:
-    """Services of these ask with the frame inside; a request to everyone is answered by no one."""
+    """Services of these protocols ask by an inner frame; a broadcast request gets no reply."""
     side = Side(name)
     side.memory.write("holding", "word", 5, [99])
     asked = {"read_holding": {"address": 5, "count": 1}}
@@ -458,7 +461,7 @@ sequences:
 
 @pytest.mark.parametrize(("text", "station", "sent"), [(EVERYONE, 0, 3), (EVERYONE, 3, 1), ("", 0, 1)])
 def test_no_reply_is_due_to_a_frame_by_itself_that_is_for_everyone(text: str, station: int, sent: int) -> None:
-    """The exchange of the definition tells which station is everyone: it sends, and waits for nothing."""
+    """The exchange of the definition gives the broadcast station: after sending to it, no reply is awaited."""
     side = Side(REGISTERS + text)
     for address in range(2):
         side.do(side.engine.send_frame("read", side.now, ASKED | {"station": station, "address": address}))
@@ -515,7 +518,7 @@ def test_where_no_reply_is_late_frames_by_themselves_hold_nothing() -> None:
 
 
 def test_a_server_answers_whatever_is_due() -> None:
-    """Frames that only a client waits for mean nothing to it, and it asks for nothing."""
+    """Frames that only a client waits for have no effect on a server, which never holds back a reply."""
     client = Side("modbus-rtu")
     client.read("40001", 11)
     device, now = client.device, 0

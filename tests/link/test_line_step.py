@@ -1,4 +1,4 @@
-"""`line:` in steps: other speed and format behind what was sent, on both sides, and back."""
+"""`line:` in steps: another speed and format after a transmission, on both sides, and back."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ SET = bytes.fromhex("11 06 00 01 00 03 9A 9B")
 
 
 class Bench:
-    """A listener with what it saw; time goes on by what is told."""
+    """A listener with the frames it has seen; its calls advance the time."""
 
     def __init__(self, name: str, **options: object) -> None:
         protocol = load_protocol(name, Path.cwd())
@@ -31,7 +31,7 @@ class Bench:
         self.now = 0
 
     def hear(self, data: bytes, pause: int = 50 * MS, direction: str = "in", piece: int = 0) -> None:
-        """Bytes behind a pause, one character after the other, in pieces."""
+        """Receive bytes after a pause, character by character, in pieces."""
         self.now += pause
         size = piece or len(data)
         for start in range(0, len(data), size):
@@ -65,7 +65,7 @@ def test_requests_and_replies_on_the_same_wires(piece: int) -> None:
 
 
 def test_a_request_without_a_reply_is_followed_by_another_request() -> None:
-    """`11 03 10 …` begins like a reply of 16 bytes; the pause behind it tells that it is none."""
+    """`11 03 10 …` begins like a reply of 16 bytes; the pause after it shows that it is a request."""
     other = bytes.fromhex("11 03 10 00 00 01")
     crc = 0xFFFF
     for byte in other:

@@ -1,4 +1,4 @@
-"""Sides of one protocol share what comes of its definition alone: a second one compiles and searches nothing anew."""
+"""Sides of one protocol share the data derived from its definition: a second side repeats no compilation or search."""
 
 from __future__ import annotations
 

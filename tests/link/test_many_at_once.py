@@ -1,4 +1,4 @@
-"""Far more frames in one piece than anybody handles at one instant: every one of them is answered."""
+"""More frames in one piece than are handled in one turn: every frame is answered."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`mark:` of frames on a simulated line: which characters have their ninth bit, and what a receiver makes of it."""
+"""`mark:` of frames on a simulated line: the characters whose ninth bit is set, and their effect on a receiver."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Side:
 
 
 class World:
-    """A client and a machine; `heard` is what goes over the line, marked bytes with an asterisk."""
+    """A client and a machine; `heard` lists the bytes on the line, with an asterisk after each marked byte."""
 
     def __init__(self, client: str = VENDING, machine: str = VENDING, formats: str = "9N1") -> None:
         self.clock = VirtualClock()
@@ -90,7 +90,7 @@ def receiver_of(text: str = VENDING) -> Receiver:
 def found_in(
     characters: list[tuple[int, bool]], cuts: list[int], expected: tuple[str, ...], text: str = VENDING
 ) -> list[tuple[object, ...]]:
-    """What a receiver finds in characters that come in pieces, all at one time; then nothing more comes."""
+    """Return the events of a receiver for characters in pieces without pauses, and for the silence after them."""
     receiver, found = receiver_of(text), []
     edges = [0, *cuts, len(characters)]
     for begin, end in pairwise(edges):
@@ -110,7 +110,7 @@ def test_each_side_marks_the_byte_that_its_frames_say() -> None:
 
 
 def test_a_mark_ends_a_frame_at_once() -> None:
-    """Nothing in its bytes tells the end of `state`; no silence is waited for."""
+    """The bytes of `state` do not determine its end; the mark does, so the receiver does not wait for silence."""
     world = World()
     assert world.ask().ok
     characters = len(POLL) + len(STATE)
@@ -138,7 +138,7 @@ def test_who_disagrees_about_marks_sees_damaged_frames(of: str) -> None:
 
 @pytest.mark.parametrize("other", ["8N1", "8E1"])
 def test_who_has_no_ninth_bit_is_not_understood(other: str) -> None:
-    """What comes behind its eight bits, the stop bit or a parity bit, is taken for the ninth."""
+    """The stop or parity bit after eight data bits is read as the ninth bit."""
     assert not World(formats=other).ask().ok
 
 
@@ -195,7 +195,7 @@ def test_how_the_stream_is_cut_changes_nothing() -> None:
 
 
 def test_without_marks_frames_are_told_by_their_bytes() -> None:
-    """A pseudo-terminal or a connection tells no ninth bits."""
+    """A pseudo-terminal or a connection does not transmit ninth bits."""
     receiver = receiver_of()
     receiver.hear_marks(False)
     assert [short(event) for event in feed(receiver, [POLL + SELL], COMMANDS)] == [

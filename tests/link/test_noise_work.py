@@ -132,7 +132,7 @@ def first_bytes(name: str) -> list[bytes]:
 
 
 def worst(name: str) -> Iterator[bytes]:
-    """What has been found to cost most: one byte over and over, starts over and over, damaged frames in a row."""
+    """Yield the most expensive streams found: a repeated byte, repeated starts, a series of damaged frames."""
     yield from (bytes([byte]) * SIZE for byte in (0x00, 0x03, 0x05, 0x06, 0x15, 0x1B, 0x10, 0xFF))
     inside = (b"\x05" * 60 + b"\x04", b"\x06" * 60 + b"\x03")
     for few in (b"\xc3\xff", b"\x10\x01", b"\x05\x41", b"\x42\x36\x04", b"\x1b\x1b\x00\x59", *inside):
@@ -154,7 +154,10 @@ def test_the_worst_bytes_take_few_calls_too(name: str, part: int) -> None:
 
 @pytest.mark.parametrize("part", spread(range(PARTS), PARTS + 1, PARTS))
 def test_small_pieces_with_pauses_take_few_calls(part: int) -> None:
-    """Where reading goes on after a bad frame: elsewhere a piece costs what the silence or the connection does."""
+    """Applies where reading continues after a bad frame.
+
+    Elsewhere, silence or the connection bounds the cost of a piece.
+    """
     names = [name for name in NAMES if compiled(name)[0].receiver.resync in GOES_ON]
     assert len(names) > 3
     for name in names:
@@ -264,7 +267,7 @@ def test_frames_that_end_alike_are_not_all_read(block: bytes) -> None:
 
 
 def test_of_many_frames_inside_only_those_that_may_be_so_short_are_read() -> None:
-    """One byte is left for the frame inside, and the second tells fifty of them apart: they all need it."""
+    """The inner frame has one byte, but the second byte distinguishes fifty frames, so none of them can match."""
     frames = "\n".join(
         f"  i{code}: {{from: none, body: [{{field: a, type: u8}}, {{field: code, type: u8, is: {code}}}]}}"
         for code in range(50)

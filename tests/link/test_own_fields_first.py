@@ -1,4 +1,4 @@
-"""A field that is computed reads the fields of its own frame, also where the row of a service has such a name."""
+"""A computed field reads the fields of its own frame, also if the row of a service has a field of the same name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which requests a server takes for its own by the parameters they tell: padded ones, defaults, secrets, refusals."""
+"""The requests that a server accepts by their parameters: padded values, defaults, secrets, refusals."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ services:
 
 
 def answers(text: str, request: str, own: int | None = 2) -> list[bytes]:
-    """What a device of this station sends when these bytes come."""
+    """Return the transmissions of a device with this station after receiving these bytes."""
     protocol, codec = compiled(text)
     side = Side(text, "server", own=own, server=MemoryServer(protocol, codec, DeviceMemory(memory_of(protocol)[0])))
     side.gets(bytes.fromhex(request))
@@ -128,7 +128,7 @@ services:
     ],
 )
 def test_a_parameter_in_a_request_is_that_of_the_device(own: str, other: str) -> None:
-    """A request that tells another value is for another device: it is ignored, not answered."""
+    """A request with another value is meant for another device: it is ignored, not answered."""
     [answer] = answers(CHANNELS, own, own=None)
     assert answer[:3] == bytes.fromhex("06 0000")
     assert answers(CHANNELS, other, own=None) == []

@@ -1,4 +1,4 @@
-"""Packing of elements: the forms of the language, sizes, and that nothing is lost on the way there and back."""
+"""Packing of elements: the forms of the language, sizes, and lossless round trips."""
 
 from __future__ import annotations
 

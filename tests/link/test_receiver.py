@@ -1,5 +1,5 @@
 # ruff: noqa: E501 - definitions in YAML
-"""The receiver: what it finds does not depend on how a stream is cut, nothing raises, valid frames are found again."""
+"""The receiver: events do not depend on the cuts of a stream, no exception is raised, valid frames are found."""
 
 from __future__ import annotations
 
@@ -326,7 +326,7 @@ receiver: {quiet: 4 chars}
 
 
 def test_cutting_changes_nothing_where_an_end_is_found_and_silence_is_waited_for() -> None:
-    """What looks like a broken escape behind the end is surplus, however the bytes come."""
+    """An incomplete escape after the end is surplus, however the bytes are cut."""
     data = bytes.fromhex("FF 00 41 10 03 10 02 05 6A FF 00 41 10 FF 00 41 10 03 10 02 05 6A")
     whole = feed(receiver_of(MAYBE_MORE), [data], ("note",))
     assert whole[0] == ("bad", "note", "surplus", data, 0)
@@ -416,7 +416,7 @@ LONG = LETTERS.replace("max: 64", "max: 60000").replace(
 
 @pytest.mark.parametrize("size", [8, 25_000])
 def test_byte_by_byte_each_byte_is_looked_at_a_bounded_number_of_times(size: int) -> None:
-    """Linear, whatever the length of the frames: what has been looked through is not looked through again."""
+    """The work is linear for frames of any length: bytes are not searched twice."""
     frame = built(LONG, "get", station=1, rest=b"x" * size)
     receiver = receiver_of(LONG)
     info = receiver.table.infos["get"]
@@ -484,7 +484,7 @@ def test_stray_bytes_that_no_frame_begins_with_hold_nothing_up(how: str, stray: 
 
 
 class SurpriseError(Exception):
-    """Nothing that anybody expects."""
+    """An unexpected exception."""
 
 
 @pytest.mark.parametrize("error", [SurpriseError, NameError, RecursionError, MemoryError, AssertionError])

@@ -107,7 +107,7 @@ def expectations(name: str) -> list[tuple[tuple[str, ...], tuple[str, ...]]]:
 
 
 ROUNDS = int(os.environ.get("FRAMEKIT_STREAMS", "1"))
-"""Streams of every protocol and kind; more when somebody wants to know better."""
+"""Number of streams per protocol and kind; more on request."""
 
 SIDES = ("client", "server")
 
@@ -184,7 +184,7 @@ def test_the_quick_way_finds_the_same_in_noise(name: str) -> None:
 
 @pytest.mark.parametrize("name", spread(NAMES, 3, 2))
 def test_the_quick_way_finds_the_same_in_rows_of_one_kind(name: str) -> None:
-    """Many good frames of those that are expected, noise before some, cut where it is hardest: where they begin."""
+    """Many good frames of an expected kind, some after noise, cut near their starts."""
     choose, looking = random.Random(f"rows {name}"), receiver(name)
     table, names = looking.table, looking._names
     good = {
@@ -208,7 +208,7 @@ def test_the_quick_way_finds_the_same_in_rows_of_one_kind(name: str) -> None:
 
 
 def test_a_frame_longer_than_what_is_copied_is_found() -> None:
-    """Behind a long rest bytes are appended to the buffer; it becomes bytes again when the rest is short."""
+    """After a long rest, bytes are appended to the buffer; it becomes `bytes` again when the rest is short."""
     quick, slow = receiver("df1"), careful("df1")
     expected = ("message", "ack", "enq")
     begun = b"\x10\x02" + bytes(20_000)

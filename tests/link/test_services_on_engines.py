@@ -46,7 +46,7 @@ class Pair:
         return results[0]
 
     def pass_on(self) -> None:
-        """What one side has sent comes to the other."""
+        """Deliver the transmissions of each side to the other."""
         for side, peer in ((self.asking, self.device), (self.device, self.asking)):
             for data in side.taken():
                 peer.do(peer.engine.receive(data, peer.now))

@@ -671,7 +671,7 @@ services:
 
 @pytest.mark.parametrize("content", ["{optional: [{field: b, type: u8}]}", "{field: b, type: u8, when: n == 2}"])
 def test_a_field_that_is_absent_is_nothing_and_fields_not_given_have_their_default(content: str) -> None:
-    """In what a service sets, and in its reply; the reply's bits that nobody gives are 0."""
+    """Absent in the values that a service sets, and in its reply; bits of the reply without a value are 0."""
     loop = Loop(ABSENT % f"{{wrap: none, name: part, size: n - 1, of: [{content}]}}")
     assert loop.answer(bytes.fromhex("01 01 05")).hex(" ") == "02 03 09 00"
     assert loop.answer(bytes.fromhex("01 02 05 06")).hex(" ") == "02 06 09 00"

@@ -1,4 +1,4 @@
-"""Shipped protocols against streams of their own frames, damage and noise: cutting changes nothing, nothing raises."""
+"""Shipped protocols with streams of their own frames, damage and noise: events do not depend on cuts, no exceptions."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def test_cutting_changes_nothing(name: str, data: st.DataObject) -> None:
 
 @pytest.mark.parametrize("pieces", [[62], [61, 62, 63], [*range(1, 65)]])
 def test_noise_goes_on_behind_a_delimiter_that_comes_last(pieces: list[int]) -> None:
-    """Whether a delimiter fills a pause or begins a bad frame that is not told is known only from what follows."""
+    """Only the following bytes decide whether a delimiter fills a pause or begins a bad frame that is not reported."""
     stream = bytes.fromhex(
         "d0d07d5e7e7dd05e7d7ed17e5ed07e5ed1d1d0d15e95d1957d007d7ed1d17dd05ed0"
         "7e00957dd095007dd0555ed0557e55d1d07d005e7ed1007e957ed07ed1"
@@ -108,7 +108,7 @@ def test_cutting_changes_nothing_where_the_first_bad_frame_ends_all(name: str, d
 
 
 def test_a_frame_stands_inside_another_only_where_that_one_has_begun() -> None:
-    """Bytes in doubled form that cannot be the station before the region, and behind them what a region might hold."""
+    """The stream has escaped bytes that cannot be the station before the region, then bytes that it may contain."""
     stream, names = bytes.fromhex("10 01 05 00 10 02 10 15"), receiver("df1").table.on_line
     whole = feed(receiver("df1"), [stream], (), names)
     assert [event[1] for event in whole if event[0] != "noise"] == ["master_message", "nak", "message"]

@@ -1,4 +1,4 @@
-"""What a monitor is shown of frames that are sent: their fields as they were then, whenever it asks for them."""
+"""Monitor events of transmitted frames hold the fields as transmitted, whenever the monitor reads them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ frames:
 
 
 class Shown:
-    """What a monitor is shown, at once or as the records of a tape."""
+    """A monitor that receives events at once, or as the records of a tape."""
 
     def __init__(self, as_records: bool) -> None:
         self._seen: list[Seen] = []

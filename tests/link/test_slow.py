@@ -1,4 +1,4 @@
-"""What is said of stations that answer after the time limit."""
+"""Warnings about stations that answer after the time limit."""
 
 from __future__ import annotations
 

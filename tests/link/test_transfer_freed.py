@@ -1,4 +1,4 @@
-"""What a transfer leaves behind is freed at once: no collection has to find it."""
+"""The objects of a finished transfer are freed at once, without garbage collection."""
 
 from __future__ import annotations
 

@@ -225,7 +225,7 @@ def test_text_keeps_the_form_of_the_address() -> None:
 
 
 def test_text_of_a_start_that_two_parts_make() -> None:
-    """It is the address that was given, for a request of that very place."""
+    """The text is the given address, for a request of exactly that place."""
     loop = Loop(TEXTS)
     loop.memory.write("R", "bit", 17, [1])
     assert loop.do("read", "R101", count=3).values == [1, 0, 0] and loop.requests == [b"RR101 3\r"]

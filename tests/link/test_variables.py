@@ -1,4 +1,4 @@
-"""Types of variables: what a new one holds and what fits into it."""
+"""Types of variables: initial values, and the values that fit."""
 
 from __future__ import annotations
 

@@ -21,7 +21,10 @@ SIZE = 12  # words
 
 
 def model_read(bits: list[int], width: int, start: int, count: int) -> list[int]:
-    """What an area of these bits must show: element i is bits i·width and up, least significant first."""
+    """Return the elements that an area of these bits must have.
+
+    Element i has the bits from i·width on, least significant first.
+    """
     return [
         sum(bit << place for place, bit in enumerate(bits[at * width : (at + 1) * width]))
         for at in range(start, start + count)

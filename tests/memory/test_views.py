@@ -1,4 +1,4 @@
-"""Views: the same words read as other types; what is written is read again, in every order."""
+"""Views: the same words read as other types; a written value is read back, in every order."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""A run that changes its points and is killed: what it told to have kept is to arrive (`test_mqtt_kills.py`).
+"""A run that changes its points and is killed.
 
-It is a process of its own. In `log` it writes `s N` at its start, `b N` before it changes something to N, and `k N`
-when all that it has changed is kept.
+Every value that it reported as stored must arrive (`test_mqtt_kills.py`). It is a process of its own. It writes to
+`log`: `s N` at its start, `b N` before it changes a point to N, and `k N` when all its changes are stored.
 """
 
 from __future__ import annotations

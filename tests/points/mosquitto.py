@@ -1,4 +1,4 @@
-"""Debian's mosquitto for tests: started on a free port, killed and started again; and somebody who listens to it."""
+"""Debian's mosquitto for tests: started on a free port, killed and restarted; and a subscriber."""
 
 from __future__ import annotations
 
@@ -62,9 +62,10 @@ class Broker:
 
 
 class Listener:
-    """Hears what is published to `topics`, each with whether the broker had kept it; connects again by itself.
+    """A subscriber of `topics`: records each message with its retain flag, and reconnects by itself.
 
-    `qos` 0: it says nothing to the broker, whose end so brings everything that was on the way, and no error before it.
+    With `qos` 0 it acknowledges nothing, so all messages in transit arrive before the end of the connection, and no
+    error before them.
     """
 
     def __init__(self, port: int, *topics: str, qos: int = 1, **access: Any) -> None:
@@ -102,7 +103,7 @@ class Listener:
             assert self._change.wait_for(until, within), self.heard[-20:]
 
     def of(self, topic: str) -> list[bytes]:
-        """What was published to a topic."""
+        """Return the payloads of a topic."""
         return [payload for one, payload, _ in self.heard if one == topic]
 
     def say(self, topic: str, payload: str, retain: bool = False) -> None:

@@ -77,7 +77,7 @@ def server(tmp_path: Path) -> Iterator[Influx]:
 
 
 def until(found: Any, wanted: Any) -> None:
-    """Waits until something comes to what is wanted."""
+    """Wait until `found()` returns the wanted value."""
     end = time.monotonic() + 60
     while (now := found()) != wanted:
         assert time.monotonic() < end, now

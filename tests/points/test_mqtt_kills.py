@@ -1,4 +1,4 @@
-"""Broker, network and framekit are killed at random while points change: nothing is lost, all is in order.
+"""Broker, network and framekit are killed at random while points change: no value is lost or out of order.
 
 `python tests/points/test_mqtt_kills.py` tries 200 kills in 20,000 changes, and prints figures.
 """
@@ -33,7 +33,7 @@ pytestmark = needs_mosquitto
 
 
 class Network:
-    """What is between a client and a server at `port`: it can be cut."""
+    """A proxy between a client and the server at `port` that can be cut."""
 
     def __init__(self, port: int) -> None:
         self._server = socket.create_server(("127.0.0.1", 0))
@@ -79,7 +79,7 @@ class Network:
                 end.shutdown(socket.SHUT_RDWR)
 
     def cut(self) -> None:
-        """Whatever is under way is lost; nobody gets through."""
+        """Drop all connections with the data in transit, and accept no new connections."""
         with self._lock:
             self.is_up = False
             ends = list(self._open)
@@ -196,7 +196,7 @@ def _wait_for_changes(log: Path, number: float, process: multiprocessing.process
 
 
 def _kept(log: Path) -> set[int]:
-    """The numbers that were told to be kept, by the process that had begun them."""
+    """Return the numbers that were reported as stored by the process that had begun them."""
     kept: set[int] = set()
     begun: set[int] = set()
     for line in log.read_text().splitlines():

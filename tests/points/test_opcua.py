@@ -84,7 +84,7 @@ def with_client(port: int, work: Callable[[Any], Awaitable[None]], **settings: A
 
 
 async def value_of(client: Any, name: str, wanted: Callable[[Any], bool]) -> Any:
-    """The data value of a point, as soon as it is what is wanted."""
+    """Return the data value of a point as soon as `wanted` accepts it."""
     node = client.get_node(f"ns=2;s={name}")
     for _ in range(2000):
         found = await node.read_data_value(raise_on_bad_status=False)

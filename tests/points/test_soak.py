@@ -98,7 +98,7 @@ def once(histories: Histories) -> Histories:
 
 
 def in_files(folder: Path) -> dict[str, Histories]:
-    """What stands in the files of the sinks, those of one sink in the order of their names."""
+    """Return the histories in the files of the sinks; the files of a sink are read in the order of their names."""
     from pyarrow import parquet
 
     rows = [
@@ -123,7 +123,7 @@ def in_files(folder: Path) -> dict[str, Histories]:
 
 
 def in_lines(there: Database) -> Histories:
-    """What came to the server that takes lines, by the time of each: a batch may be sent twice."""
+    """Return the histories on the line protocol server, ordered by time, since a batch may be sent twice."""
     found: dict[str, dict[int, object]] = defaultdict(dict)
     for line in there.lines:
         match = re.fullmatch(r"soak,.*\bpoint=([^, ]+)\S* (?:.*,)?value=(\d+)\.0(?:,.*)? (\d+)", line)
@@ -133,8 +133,10 @@ def in_lines(there: Database) -> Histories:
 
 
 def in_metrics(listener: Listener) -> Histories:
-    """What came as metrics of Sparkplug, the first time of each value. A birth tells what is so now, before old values
-    come: only names are taken from it."""
+    """Return the histories in Sparkplug metrics, with the first time of each value.
+
+    A birth reports the current value before older values arrive, so only names are taken from it.
+    """
     names: dict[int, str] = {}
     rows = []
     for topic, payload, _ in listener.heard:

@@ -16,7 +16,7 @@ SECOND = 1_000_000_000
 
 @dataclass
 class Listener:
-    """Notes everything a port tells it."""
+    """Recorder of all events of a port."""
 
     port: SimulatedPort
     data: list[tuple[int, bytes]] = field(default_factory=list)
@@ -61,7 +61,7 @@ class Listener:
 
 
 class SlowLine(SimulatedLine):
-    """Tells of every transmission again after so many characters, not only when something else happens."""
+    """A line that reports transmissions every `granularity` characters, not only at other events."""
 
     def __init__(self, *arguments: Any, granularity: int, **options: Any) -> None:
         super().__init__(*arguments, **options)

@@ -97,7 +97,7 @@ class Waiting:
                 return value
 
     async def sent_and_heard(self, count: int) -> bytes:
-        """So many bytes, and `sent` before, between or behind them."""
+        """Return `count` received bytes; also wait for `sent`, which may come before, between or after them."""
         data, sent = b"", False
         while len(data) < count or not sent:
             kind, value = await self.queue.get()
@@ -178,7 +178,7 @@ async def pseudo_terminals() -> AsyncIterator[Pair]:
 
 @asynccontextmanager
 async def network(client: str) -> AsyncIterator[Pair]:
-    """A client port of that URL scheme, and the port of its connection on the other side."""
+    """Return a client port of this URL scheme, and the port of the accepted connection."""
     clock = AsyncioClock(asyncio.get_running_loop())
     accepted: asyncio.Queue[AcceptedPort] = asyncio.Queue()
     folder = TemporaryDirectory()

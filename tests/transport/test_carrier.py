@@ -1,4 +1,4 @@
-"""The carrier of a modem on a serial port: looked at while the port is open, told when it comes or goes."""
+"""The carrier of a modem on a serial port: polled while the port is open, changes are reported."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Wire(SerialConnection):
 
 
 class Told:
-    """Notes what a port tells of its control lines."""
+    """Recorder of the control lines that a port reports."""
 
     def __init__(self) -> None:
         self.lines: list[dict[str, bool]] = []

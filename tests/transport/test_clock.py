@@ -1,4 +1,4 @@
-"""Clocks: order, cancelling, moving virtual time, those who lag behind, and real time that never rings early."""
+"""Clocks: order, cancelling, moving virtual time, lagging participants, and real timers that never fire early."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def test_an_error_in_a_call_comes_out_and_the_clock_goes_on() -> None:
 
 
 class Ticking:
-    """Something happens every 10; it is told late, all at once."""
+    """A participant with an event every 10 ns, reported late and together."""
 
     def __init__(self, seen: list[tuple[str, int, int]], clock: VirtualClock) -> None:
         self.seen, self.clock, self.told = seen, clock, 0

@@ -20,7 +20,7 @@ from framekit.transport.serial_port import DamageCounts, DamageMarks, SerialPort
 
 
 def marked(characters: list[tuple[int, bool]]) -> bytes:
-    """What a terminal hands over for characters, some of them damaged."""
+    """Return the bytes that a terminal delivers for characters, some of which are damaged."""
     return b"".join(
         b"\xff\x00" + bytes([value]) if damaged else bytes([value]) * (2 if value == 0xFF else 1)
         for value, damaged in characters

@@ -1,6 +1,6 @@
-"""Characters of nine bits on real ports: mark and space parity, switched when all before has left.
+"""Characters of nine bits on real ports: mark and space parity, switched after all earlier characters are transmitted.
 
-No hardware is needed: a made-up device notes what it is given, a made-up terminal what it is set to.
+No hardware is needed: a fake device records its input, a fake terminal its settings.
 """
 
 from __future__ import annotations
@@ -199,7 +199,7 @@ class Closing(PortEvents):
 def test_a_marked_byte_comes_as_one_with_a_parity_fault(
     monkeypatch: pytest.MonkeyPatch, added: DamageCounts | None, stream: bytes, expected: dict[int, LineFault]
 ) -> None:
-    """Also a marked 00, which looks like a break where the driver counts nothing."""
+    """Also a marked 00, which looks like a break if the driver has no error counters."""
     counted = [DamageCounts(), added]
     monkeypatch.setattr(serial_port, "is_pseudo", lambda descriptor: False)
     monkeypatch.setattr(serial_port, "mark_damage", lambda descriptor: True)

@@ -1,4 +1,4 @@
-"""What every port does, whatever is behind it: the same checks on every pair of ports."""
+"""Behaviour of all ports: the same checks on every pair of ports."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ LISTENING: dict[str, PipeListener] = {}
 
 
 class PipeEnd(AcceptedPort):
-    """One end of a pipe; what is written comes out of the other in the next call of the clock."""
+    """An end of a pipe; written bytes arrive at the other end in the next call of the clock."""
 
     settings = None
 
@@ -60,7 +60,7 @@ class PipeEnd(AcceptedPort):
 
 
 class PipePort(PipeEnd):
-    """The end that connects; where nobody listens it is closed at once."""
+    """The connecting end; without a listener it is closed at once."""
 
     opens_again = True
 

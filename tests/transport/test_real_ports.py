@@ -1,4 +1,4 @@
-"""Real ports on asyncio: what is special about pseudo-terminals, pyserial URLs and TCP; opening by URL."""
+"""Real ports on asyncio: special behaviour of pseudo-terminals, pyserial URLs and TCP; opening by URL."""
 
 from __future__ import annotations
 
@@ -275,7 +275,10 @@ def test_a_host_that_is_none(host: str) -> None:
 
 
 async def flooded(size: int) -> tuple[list[bytes], list[str]]:
-    """The pieces in which a connection tells `size` bytes, and who was told what; another one asks after the first."""
+    """Return the pieces in which a connection delivers `size` bytes, and the order of data of both connections.
+
+    Another connection sends after the first piece.
+    """
     clock = real_clock()
     accepted: asyncio.Queue[AcceptedPort] = asyncio.Queue()
     listener = TcpListener("127.0.0.1", 0, clock, accepted.put_nowait)

@@ -114,7 +114,7 @@ def test_whatever_else_happens_finds_what_is_complete(offset: int, heard: int) -
 
 
 def test_a_gap_timer_set_anew_by_each_character_never_runs_out() -> None:
-    """As a receiver does it that knows a frame is cut when nothing comes for one and a half characters."""
+    """Like a receiver for which a frame ends after a silence of one and a half characters."""
     world = World()
     listener, cut = world.listeners[1], []
     gap = world.character * 3 // 2

@@ -1,4 +1,4 @@
-"""`tls:` ports over real sockets, with certificates made here: who is let in, who is not, and what is said of it."""
+"""`tls:` ports over real sockets, with generated certificates: accepted clients, refused clients, and messages."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ pytestmark = pytest.mark.usefixtures("each_loop")
 
 
 class Certificates:
-    """Made once: `plant` signs what is good, `stranger` what is not."""
+    """Certificates for the tests, issued once: `plant` signs the valid, `stranger` the invalid certificates."""
 
     def __init__(self, folder: Path) -> None:
         plant, stranger = Authority(folder), Authority(folder, "stranger")

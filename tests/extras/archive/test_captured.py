@@ -1,4 +1,4 @@
-"""What a capture of a line says of a device's values, held against the run whose line it was."""
+"""Values that are read from a capture of a line, compared with the values of the recorded run."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from framekit.link.values import Names
 from framekit.runfile.devices import load_devices
 
 BY_BUFFER = {"ccm", "host-link", "rk512-3964r"}
-"""Their replies take several frames: no frame by itself tells values."""
+"""Protocols whose replies take several frames, so that a single frame gives no values."""
 ADDRESSED = {link.protocol: link for link in (*LINKS, *SNP, *PLCS) if link.protocol not in BY_BUFFER}
 
 

@@ -1,4 +1,7 @@
-"""Documents of protocols: every shipped frame is drawn and told, sizes add up, and no text of a file becomes markup."""
+"""Documents of protocols: every shipped frame is drawn and described.
+
+Sizes add up, and no text of a file becomes markup.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Types of decoded values: every frame of the vectors is what they say; TypeScript's own compiler takes all of them."""
+"""Types of decoded values: they describe every frame of the vectors, and the TypeScript compiler accepts them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ TSC = shutil.which("tsc")
 
 
 def frames_of(name: str) -> list[tuple[str, dict[str, Any]]]:
-    """What the good frames of the vectors decode to, as `decode --json` prints them."""
+    """Return the decoded good frames of the vectors, as `decode --json` prints them."""
     path = vectors_path(definition_path(name))
     vectors = read_vectors(path)[0] if path.is_file() else None
     plain, codec, found = PlainValues(load_protocol(name)), framekit.load(name), []

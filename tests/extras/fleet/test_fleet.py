@@ -67,7 +67,7 @@ def gateway(path: Path, *options: str) -> Iterator[subprocess.Popen[bytes]]:
 
 
 class Watcher:
-    """The fleet as a user sees it, and waits for what it tells."""
+    """A fleet with its change notifications."""
 
     def __init__(self, port: int) -> None:
         self._change = threading.Condition()
@@ -94,7 +94,7 @@ class Watcher:
 
 
 def wait_for(holds: Callable[[], object]) -> None:
-    """Until something holds that no message tells."""
+    """Poll until a condition holds that no notification reports."""
     until = time.monotonic() + 60
     while not holds():
         assert time.monotonic() < until

@@ -27,7 +27,7 @@ CHANNEL = '"sim:meter.device.yaml", protocol: modbus-tcp'
 
 @pytest.fixture
 def run_file(tmp_path: Path) -> Path:
-    """A gateway's run file, with a secret and a table beside it."""
+    """Write a gateway's run file, with a secret and a table in the same folder."""
     (tmp_path / "meter.device.yaml").write_text(DEVICE)
     (tmp_path / "db.password").write_text("S3cr3t: {very: S3cr3t}\n")
     (tmp_path / "S3.points.yaml").write_text("points: {S3cr3t: {adress: S3cr3t}}\n")

@@ -1,10 +1,10 @@
-"""Damaged streams against the parsers of generated C, with AddressSanitizer and UBSan.
+"""Fuzz the parsers of generated C with damaged streams, under AddressSanitizer and UBSan.
 
     python tests/extras/generate_c/c_fuzz.py --bytes 100000000 [PROTOCOL …]
 
-Frames of each protocol are drawn by Python; a program in C cuts, joins and damages them, and puts the bytes into the
-parser in pieces, with silences between them. What the parser takes for a frame is built again, and the bytes are read
-once more. The bytes are shared out among the protocols. Ends with status 1 if a program stops before its end.
+Python draws frames of each protocol; a C program cuts, joins and damages them, and feeds the bytes to the parser in
+pieces, with silences between them. Each frame that the parser finds is built again, and the bytes are read once more.
+The bytes are divided among the protocols. Exits with status 1 if a program stops early.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ from framekit.extras.generate_c.source import CSource, identifier, string
 
 SIDES = {"client": 1, "server": 2, "both": 3}
 MOST_SEEDS, MOST_SEED = 400, 4000
-"""Frames that streams are made of, and bytes of one: a string of C may have so many."""
+"""Number of frames per stream, and of bytes per frame: the limit of a C string literal."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fuzzed:
-    """What came of one program: bytes put in, frames and bad frames told, `fault` if it stopped."""
+    """The result of a fuzz program: bytes fed, good and bad frames found, and `fault` if it stopped early."""
 
     name: str
     bytes: int

@@ -1,7 +1,7 @@
-"""Generated C in a process of its own: asked line by line, with sanitizers, and compared with the Python.
+"""Generated C in a process of its own: driven line by line, with sanitizers, and compared with Python.
 
-What a frame holds goes over the line as a row of words, in the order of the struct: so nothing of a frame has to be
-known here but the members that the generator says it has.
+The values of a frame are transmitted as a row of words in the order of the struct. The harness knows only the members
+that the generator reports.
 """
 
 from __future__ import annotations
@@ -162,7 +162,7 @@ def _nothing_of(member: CMember) -> list[str]:
 
 
 def _parts(value: Any) -> tuple[int, int]:
-    """The digits of a decimal number, and how many of them stand behind the point."""
+    """Return the digits of a decimal number as an integer, and the number of decimal places."""
     sign, digits, exponent = Decimal(str(value)).as_tuple()
     number = int("".join(map(str, digits)))
     return -number if sign else number, -int(exponent)
@@ -268,7 +268,7 @@ def _main(made: Generated) -> str:
 
 
 def _stream(out: Any, made: Generated, context: str) -> None:
-    """Bytes into a parser: what it finds, and how much is noise."""
+    """Write the command that feeds bytes to a parser and prints the frames, the faults and the noise."""
     p = made.prefix
     with out.block('if (strcmp(what, "s") == 0)'):
         out.add(f"static struct {p}_parser parser;", 'size_t size = unhex(strtok(NULL, " "), data), at = 0, i;')
@@ -538,7 +538,10 @@ def differences(c: CProtocol, asked: Iterable[tuple[str, bytes]]) -> list[str]:
 
 
 def alike(wanted: str, answer: str) -> bool:
-    """Whether C says what Python says. A default of what is absent (`~`, then it) may be a value or none for Python."""
+    """Return whether C and Python agree.
+
+    The default of an absent value, which C prints as `~` and the default, may be a value or None in Python.
+    """
     if "~" not in answer:
         return wanted == answer
     ours, theirs = wanted.split(), answer.split()
@@ -582,7 +585,7 @@ def encoded_alike(c: CProtocol, asked: list[tuple[str, Mapping[str, Any]]]) -> l
 
 
 def _holdable(values: Mapping[str, Any], struct: CStruct, made: Generated) -> bool:
-    """Whether the struct can hold the values: what it cannot is not asked."""
+    """Return whether the struct can hold the values; other values are not tested."""
     for name, value in values.items():
         member = struct.members.get(name)
         if member is None:

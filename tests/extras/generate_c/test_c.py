@@ -25,7 +25,7 @@ QUICK = ("ccm", "dynamixel", "modbus-rtu")
 
 
 def told(text: str) -> list[str]:
-    """What is left out, each with its place in the file."""
+    """Return the messages for omitted parts, each with its line in the file."""
     made = generate(load_protocol_text(text, "small"))
     return [re.sub(r"^.*small\.yaml:", "", str(problem)) for _, problem in made.left_out]
 

@@ -24,7 +24,7 @@ def framed(data: bytes) -> bytes:
 
 
 def polled(count: int = 40) -> list[HeardBytes]:
-    """Polls of two meters; each tells a float that goes up, and a status byte. After ten of them there is noise."""
+    """Return polls of two meters, whose replies hold a rising float and a status byte; after ten polls comes noise."""
     rng, chunks = random.Random(11), list[HeardBytes]()
     for at in range(count):
         head = bytes([0xA5, rng.choice([3, 4])])
@@ -44,7 +44,7 @@ def hex_text(chunks: list[HeardBytes]) -> str:
 
 
 class HexPage:
-    """The page of such a recording, and the file of its definition."""
+    """The hex page of the recording, and the file of its definition."""
 
     def __init__(self, folder: Path) -> None:
         found = guess(polled())

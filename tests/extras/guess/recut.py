@@ -33,7 +33,7 @@ def byte_times(frames: Sequence[HeardBytes]) -> list[HeardBytes]:
 
 
 def in_portions(frames: Sequence[HeardBytes]) -> list[HeardBytes]:
-    """What came within 16 ms, together."""
+    """Merge the bytes received within 16 ms, per direction."""
     found = dict[tuple[int, str], HeardBytes]()
     for byte in byte_times(frames):
         at = (byte.time or 0) // (16 * MS) + 1

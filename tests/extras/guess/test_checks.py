@@ -1,4 +1,4 @@
-"""Checks found in frames that nothing is known of: held against frames that the search has not seen."""
+"""Check codes found in frames of an unknown protocol, verified on frames that the search has not used."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two recordings: replies to equal requests are compared, other protocols and kinds of one recording are told."""
+"""Compare two recordings: replies to equal requests differ; other protocols and other kinds of frames are reported."""
 
 from __future__ import annotations
 

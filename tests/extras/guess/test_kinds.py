@@ -1,4 +1,4 @@
-"""Which bytes tell kinds of frames apart, how kinds are counted, and that a definition of them reads other frames."""
+"""Kinds of frames: the bytes that distinguish them, their number, and a definition of them that reads other frames."""
 
 from __future__ import annotations
 

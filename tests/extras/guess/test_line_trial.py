@@ -71,7 +71,7 @@ def heard_at(wire: Wire, line: LineFormat) -> HeardAt:
 
 
 def verdict_on(wire: Wire, lines: list[LineFormat] = LINES) -> Verdict:
-    """What a trial comes to, without its times."""
+    """Return the verdict of a trial with these line settings, without simulating its durations."""
     heard = [heard_at(wire, line) for line in lines]
     best = [one for one in judge(heard).ranking if one.characters][:3]
     return judge(heard, [heard_at(wire, LineFormat(2 * one.line.speed)) for one in best])

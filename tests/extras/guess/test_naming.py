@@ -1,4 +1,4 @@
-"""Names for the fields of a guess: what may be named, what becomes of the bytes around, and the definition of it."""
+"""Names for the fields of a guess: nameable bytes, effect on neighbouring bytes, and the resulting definition."""
 
 from __future__ import annotations
 
@@ -28,7 +28,10 @@ def framed(data: bytes) -> bytes:
 
 
 def polled(count: int = 40) -> list[HeardBytes]:
-    """A meter: asked for a station and a first element, it tells a float, a status byte and a text of varying size."""
+    """Return polls of a meter for a station and an element.
+
+    Replies hold a float, a status byte and a text of varying size.
+    """
     rng, chunks = random.Random(11), list[HeardBytes]()
     for at in range(count):
         head = bytes([0xA5, rng.choice([3, 4])])

@@ -1,4 +1,4 @@
-"""Recordings whose bytes came in other pieces than frames: what is said is that of the whole ones, or less."""
+"""Recordings that are not cut at frame boundaries: the guess equals that of whole frames, or states less."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ NOT_FROM_LINES = {
 
 
 def held_against(name: str, cut: str, count: int = 80) -> None:
-    """What is said of a recording that is cut so, against what is said of whole frames."""
+    """Compare the guess for a recording cut like this with the guess for whole frames."""
     case = case_of(name, count)
     ways = {way: b"".join(one.data for one in case.chunks if one.direction == way) for way in ("in", "out")}
     frames = timed(

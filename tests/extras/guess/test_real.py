@@ -1,4 +1,4 @@
-"""Frames made by programs not written here: what is said of them, without a word about their protocols."""
+"""Guess frames that other programs have built, without any hint about their protocols."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from framekit.extras.guess.model import Direction, Guess, HeardBytes
 
 
 def said_of(frames: Sequence[bytes], ways: tuple[Direction, Direction] = ("", "")) -> Guess:
-    """What is said of frames that came one by one, without times; two ways: they take turns."""
+    """Return the guess for frames without times; two directions alternate."""
     return guess([HeardBytes(None, ways[at % 2], bytes(frame)) for at, frame in enumerate(frames)])
 
 
@@ -104,7 +104,7 @@ def test_cobs_by_cobs() -> None:
 
 
 class Line:
-    """What a library writes to; it reads nothing."""
+    """A write-only line for a library."""
 
     is_using = False
 
@@ -112,7 +112,7 @@ class Line:
         self.out: list[bytes] = []
 
     def clearPort(self) -> None:  # noqa: N802
-        """There is nothing to clear."""
+        """Do nothing; the interface of the library demands the method."""
 
     def writePort(self, packet: Sequence[int]) -> int:  # noqa: N802
         self.out.append(bytes(packet))

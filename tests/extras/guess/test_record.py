@@ -1,4 +1,4 @@
-"""Recordings: what the file has, what is shown, and what comes of lost ports, slow disks and readers that stop."""
+"""Recordings: content of the file, output, and the effects of lost ports, slow disks and stopped readers."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ ANSWER = bytes.fromhex("11 03 06 AE 41 56 52 43 40 49 AD")
 
 
 class Wire(Port):
-    """A port whose line does what a test says."""
+    """A port that the test drives."""
 
     sees_damage = True
 

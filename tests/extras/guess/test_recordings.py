@@ -1,4 +1,4 @@
-"""Recordings of programs not written here: what is said of each, held against what is known of its protocol."""
+"""Recordings of other programs: the guess for each, compared with the known protocol."""
 
 from __future__ import annotations
 

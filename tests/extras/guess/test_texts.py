@@ -1,4 +1,4 @@
-"""Fields of text among what is guessed, and the fields of a definition that differ between two recordings."""
+"""Text fields of a guess, and the fields of a definition that differ between two recordings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Times of a line: who answers whom, what a client does when no reply comes, and what comes again and again."""
+"""Timing of a line: which side replies to which, how a client reacts to a missing reply, and which requests repeat."""
 
 from __future__ import annotations
 

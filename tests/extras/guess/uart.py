@@ -1,4 +1,4 @@
-"""A model of UARTs: what a receiver of any speed and format hears of characters sent with another one."""
+"""A model of UARTs: the characters that a receiver gets from a sender of another speed or format."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Wire:
 
 @dataclass(frozen=True)
 class Received:
-    """A character: when it was complete (ns), what it is, what is wrong with it; `is_break`: a break instead."""
+    """A received character: time of its end (ns), value, fault; or a break if `is_break`."""
 
     at: float
     value: int
@@ -66,9 +66,10 @@ class Received:
 
 
 def receive(wire: Wire, line: LineFormat, begin: float = 0.0, end: float | None = None) -> Iterator[Received]:
-    """What a receiver hears from `begin` on: it looks at the middle of each bit, behind a falling edge.
+    """Yield the characters that a receiver gets from `begin` on.
 
-    Behind a framing error the low level counts as the next start bit; behind a break it waits for the line to be high.
+    It samples the middle of each bit after a falling edge. After a framing error, the low level counts as the next
+    start bit; after a break, the receiver waits for a high level.
     """
     bit, at = SECOND / line.speed, begin
     end = wire.end if end is None else end
@@ -114,9 +115,9 @@ def receive(wire: Wire, line: LineFormat, begin: float = 0.0, end: float | None 
 
 
 class UartPort(Port):
-    """A port on a wire that is heard as often as need be: whenever its speed or format changes it begins anew.
+    """A port on a recorded wire; each change of speed or format starts the wire from the beginning.
 
-    `refused`: speeds that the device cannot have; `log`: what was done with it.
+    `refused` are speeds that the device does not support; `log` records all calls.
     """
 
     sees_damage = True
@@ -154,7 +155,7 @@ class UartPort(Port):
         self._hear(receive(self.wire, line), self.clock.now(), self._use)
 
     def _hear(self, coming: Iterator[Received], began: int, use: int) -> None:
-        """Tells of the next character when its time has come."""
+        """Deliver the next character at its time."""
         one = next(coming, None)
         if one is None:
             return

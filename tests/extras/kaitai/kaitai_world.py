@@ -78,7 +78,7 @@ def class_name(type_: str) -> str:
 
 @dataclass
 class Compared:
-    """What was compared: values that agree, values that the file leaves out, and what differs."""
+    """The result of a comparison: number of equal values, values left out of the Kaitai file, and differences."""
 
     frames: int = 0
     agreed: int = 0
@@ -100,7 +100,7 @@ class Reader:
         self.codings = {one.coding.shown: one.coding for one in wraps}.values()
 
     def read(self, frame: str, data: bytes, context: Mapping[str, Any]) -> Any:
-        """The object of a frame. Raises what the runtime raises."""
+        """Return the Kaitai object of a frame. Raises the exceptions of the Kaitai runtime."""
         values = [context[name] for name in self.file.params[1:]]
         values = [int(one) if isinstance(one, bool) else one for one in values]
         kind = self.top.FrameKind[self.file.types[frame]]
@@ -124,7 +124,7 @@ class Reader:
         self.compare(found, fields, path, into)
 
     def _is_told(self, frame: str, error: str) -> bool:
-        """Whether the file says that a frame, or one inside it, is left out or not told from others."""
+        """Return whether the file reports the frame, or a frame inside it, as left out or indistinguishable."""
         if frame not in self.file.frames:
             return True
         inside = next((one for one, type_ in self.file.types.items() if f"/types/{type_}/" in error), None)
@@ -133,7 +133,7 @@ class Reader:
         return inside is not None and (inside not in self.file.frames or inside in names)
 
     def compare(self, found: Any, fields: Mapping[str, Any], path: str, into: Compared) -> None:
-        """The fields of framekit beside those of an object."""
+        """Compare framekit's field values with the attributes of a Kaitai object."""
         for name, wanted in fields.items():
             here = f"{path}.{name}"
             holder = _holder(found, identifier(name), self.parts) or self._undone(found, identifier(name))
@@ -143,7 +143,7 @@ class Reader:
             self._value(getattr(holder, identifier(name)), wanted, here, into)
 
     def _undone(self, found: Any, name: str) -> Any:
-        """The object of coded content that has a value: what the user of the file does."""
+        """Return the object of decoded content that has the value; the user of a Kaitai file must decode it, too."""
         for key, raw in vars(found).items():
             kind = getattr(type(found), class_name(f"{key}_plain"), None) if isinstance(raw, bytes) else None
             for coding in self.codings if kind is not None else ():

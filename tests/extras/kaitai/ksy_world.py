@@ -1,4 +1,4 @@
-"""Imported Kaitai Struct files beside Kaitai itself, and beside the definitions that exported files are made of."""
+"""Compare imported Kaitai Struct files with Kaitai itself, and with the definitions that exported files come from."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def loaded(made: ImportedDefinition, folder: Path) -> Codec:
 
 
 def plain(value: Any) -> Any:
-    """What an object of Kaitai holds, instances too, but for those that ask for what is not there."""
+    """Return the values of a Kaitai object as plain data; instances that refer to absent attributes are left out."""
     if isinstance(value, KaitaiStruct):
         names = [name for name in vars(value) if not name.startswith("_")]
         names += [name for name, one in vars(type(value)).items() if isinstance(one, property)]
@@ -62,7 +62,7 @@ def plain(value: Any) -> Any:
 
 
 def difference(kaitai: Any, ours: Any, path: str, without: Sequence[str]) -> str:
-    """What differs; '' for nothing. `without`: constants and parameters, which are no values here."""
+    """Return the first difference, or ''. `without`: constants and parameters, which are not values in framekit."""
     if isinstance(kaitai, dict) and isinstance(ours, dict):
         for name, one in kaitai.items():
             if name in ours:
@@ -102,9 +102,9 @@ class Trial:
 
 @dataclass
 class Description:
-    """A file of `ksy/`: what its top type takes, the frame that this means, and the parameters of that.
+    """A file of `ksy/`: arguments of its top type, the corresponding frame, and the parameters of the frame.
 
-    `seed`: a frame in hex, where none can be built of chosen values.
+    `seed`: a frame in hex, if no frame can be built from drawn values.
     """
 
     name: str
@@ -232,7 +232,7 @@ def coded_names(protocol: Protocol) -> dict[str, set[str]]:
 def compare(
     found: Mapping[str, Any], fields: Mapping[str, Any], path: str, parts: tuple[str, ...], into: Compared
 ) -> None:
-    """The fields of a definition beside those of its copy."""
+    """Compare the field values of a definition with those of its re-imported copy."""
     for name, wanted in fields.items():
         here = f"{path}.{name}"
         holder = _holder(found, identifier(name), parts)

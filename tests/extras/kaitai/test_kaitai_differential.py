@@ -1,6 +1,6 @@
-"""Definitions made to be read wrongly: what Kaitai makes of good and bad bytes is what framekit makes of them.
+"""Definitions designed to be misread: Kaitai and framekit read good and bad bytes alike.
 
-Where it is not, the file has to tell so: each row says with which words.
+If they do not, the file must report it; each row gives the words of the report.
 """
 
 from __future__ import annotations
@@ -178,7 +178,7 @@ LESS = {
     "numbers of 64 bits with names": {"the numbers of 'a' have no names"},
     "a constant after a text that ends at two bytes": {"'a' is read less exactly"},
 }
-"""What the files of these rows tell."""
+"""The report in the files of these rows."""
 
 TOLD: Mapping[str, tuple[str, str, str]] = {
     "each byte of data": ("[{data: d, size: 2, never: [7E, 05]}]", "0102|017E", "the bytes of 'd' are not looked at"),
@@ -261,7 +261,7 @@ CHECKS = (
     "the check code", "the content of", "is not the value", "stays as it is", "not compared", "not looked at",
     "left out", "less exactly",
 )  # fmt: skip
-"""Words of what is told where bad bytes may be read."""
+"""Words that a file uses where bad bytes may be read."""
 
 
 @pytest.mark.long
@@ -281,7 +281,10 @@ def test_the_bytes_of_every_kind_of_segment() -> None:
     [(0, 25), *(pytest.param(at, 100, marks=pytest.mark.long) for at in range(25, many(200, 525), 100))],
 )
 def test_drawn_definitions(first: int, count: int) -> None:
-    """Definitions of every kind of segment and key, with what they read damaged. Frames inside may be unknown."""
+    """Compare drawn definitions with segments and keys of every kind, with damaged frames.
+
+    Inner frames may be unknown.
+    """
     drawn: list[tuple[Protocol, list[bytes]]] = []
     for seed in range(first, first + count):
         definition_ = DrawnDefinition(seed, more=bool(seed % 2), alike=bool(seed % 3))

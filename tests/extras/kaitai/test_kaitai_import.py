@@ -1,4 +1,4 @@
-"""Imported descriptions of Kaitai Struct read what Kaitai reads, and tell what they cannot say."""
+"""Imported Kaitai Struct descriptions read the values that Kaitai reads, and report what they cannot express."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from framekit.extras.kaitai.attributes import MOST_WORK, WorkDone
 from framekit.extras.kaitai.importing import import_kaitai
 
 TLV = "07 03 00 00 00 01 02 12 34 02 03 61 62 00 03 05 00 01 AA BB CC 09 01 55"
-"""Its text has a size that follows from the length around it: such a frame can be read, not built."""
+"""The size of the text follows from an enclosing length: such a frame can be read, not built."""
 DESCRIPTIONS = [
     Description("meter", "meter", ("magic", "is_heat")),
     Description("tlv", "tlv", ("end",), seed=TLV),
@@ -41,7 +41,7 @@ FILES = sorted(KSY.glob("*.ksy"))
 
 
 def imported(text: str, folder: Path) -> list[Problem]:
-    """Imports a text; what is made of it passes `framekit check`. What is told."""
+    """Import a text and check the result with `framekit check`; return the reported problems."""
     made = import_kaitai(text, "some.ksy", "some")
     path = folder / "some.yaml"
     path.write_text(made.text, "utf-8")
@@ -82,7 +82,7 @@ ALL = [*PROTOCOLS, *APPLICATIONS]
 
 
 def come_back(name: str, folder: Path) -> RoundTrip:
-    """An exported definition is imported again, and reads what the first one builds."""
+    """Export and re-import a definition; assert that the copy reads the frames that the original builds."""
     found = round_trip(name, folder)
     assert found.compared.differences == []
     # frames that no byte tells apart, and parts under a condition that has no form, are told as refused

@@ -314,7 +314,7 @@ def test_without_control_there_is_no_key_for_it() -> None:
 
 @pytest.fixture
 def terminal(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As if what is written to were a terminal."""
+    """Pretend that the output is a terminal."""
     monkeypatch.setattr("framekit.extras.screen.display.has_terminal", lambda: True)
 
 

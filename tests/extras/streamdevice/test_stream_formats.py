@@ -1,5 +1,7 @@
-"""Formats of StreamDevice, one by one, against what it does itself: `out` sends what printf of C writes, `in` takes
-what a small model of its reading says. What is taken over gives the same bytes and the same values, or a fault.
+"""Formats of StreamDevice, one by one, compared with StreamDevice's own behaviour.
+
+`out` sends the output of C's printf; `in` is compared with a small model of StreamDevice's reading. An imported format
+gives the same bytes and the same values, or a fault.
 """
 
 from __future__ import annotations
@@ -243,7 +245,7 @@ def test_raw_numbers(size: int, unsigned: str, little: str) -> None:
 
 
 def test_width_of_a_raw_number_that_is_sent_is_no_size() -> None:
-    """%2r sends one byte of the number, with its sign in another one."""
+    """A sent %2r writes one byte of the number and its sign in another byte."""
     assert frame_of("out '%2r'") is None and frame_of("out '%r'") is not None and frame_of("out '%1r'") is not None
 
 
@@ -365,7 +367,7 @@ def test_what_cannot_be_carried_out_is_told_with_its_place(command: str, what: s
 
 @pytest.mark.parametrize("word", ["in", "out"])
 def test_every_flag_of_every_converter_is_carried_out_or_told(word: str) -> None:
-    """No combination raises anything else, and what is left has a definition that loads."""
+    """No combination raises another error, and all remaining commands give a definition that loads."""
     every = product(
         ["b", "B01", "c", "r", "R", "D", "m", "[a]", "{a|b}", "<sum>", "/a/", "T(%Y)"],
         ["", "*", "+", "-", " ", "0", "#", "?", "=", "!", "*0", "+0"], ["", "0", "3", "9", "999999"],

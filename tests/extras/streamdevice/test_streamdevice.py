@@ -1,4 +1,4 @@
-"""Protocol files of StreamDevice as definitions: exchanges run end to end, what is told, and any text at all."""
+"""Protocol files of StreamDevice as definitions: exchanges run end to end, reported omissions, and arbitrary text."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ CONVERSATIONS: list[tuple[str, str, Line, str]] = [
     ),
     ("degrees", "", [("send", b"T?\r\n"), ("receive", b"21.5\xb0C\r\n")], "value: 21.5"),
 ]  # fmt: skip
-"""A service, its arguments, what goes over the line as StreamDevice has it, and what comes of it."""
+"""A service, its arguments, the exchange as StreamDevice has it, and its result."""
 FAILURES: list[tuple[str, str, Line, str]] = [
     ("current", "", [("send", b"CURR?\r\n")], "no_reply"),
     ("current", "", [("send", b"CURR?\r\n"), ("receive", b"CURR 1.5 V\r\n")], "damaged_reply"),
@@ -94,7 +94,7 @@ FAILURES: list[tuple[str, str, Line, str]] = [
     ("hex", "value: 1", [("send", b"H 0001\r\n"), ("receive", b"H0x1\r\n")], "damaged_reply"),
     ("both", "", [("send", b"CURR?\r\n"), ("receive", b"CURR 1 A\r\n"), ("send", b"SW?\r\n")], "no_reply"),
 ]
-"""A service, its arguments, what goes over the line, and how it fails."""
+"""A service, its arguments, the exchange, and its error."""
 
 
 def made_of(text: str, folder: Path) -> Path:
@@ -146,7 +146,7 @@ def test_a_client_speaks_with_a_device_made_of_the_same_file(tmp_path: Path) -> 
 
 
 def told(text: str) -> list[str]:
-    """What is said of a file: what is left out, or what is wrong."""
+    """Return the messages for a file: omitted parts, or errors."""
     try:
         return [str(one) for one in from_streamdevice(text, "x.proto", "made").left_out]
     except DefinitionError as error:

@@ -58,7 +58,7 @@ class Page:
 
 
 class Browser:
-    """What a browser makes of messages: the whole picture."""
+    """The state of a browser: points, tables, values and frames, updated by messages."""
 
     def __init__(self, hello: dict[str, Any]) -> None:
         self.points: list[str] = [one[0] for one in hello["points"]]

@@ -1,4 +1,4 @@
-"""The server of the page: its files and headers, who is let in, and how it begins and ends; over real sockets."""
+"""The server of the page: its files and headers, access control, start and stop; over real sockets."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ def test_wrong_tokens_end_the_connection(app: PageApp, monkeypatch: pytest.Monke
 
 
 class Noted:
-    """The socket of a browser that notes what it is sent."""
+    """The socket of a browser that records the texts sent to it."""
 
     def __init__(self) -> None:
         self.texts: list[str] = []
@@ -166,7 +166,7 @@ def test_texts_of_devices_have_their_marks_as_escapes(page: Page) -> None:
 
 
 class Stuck:
-    """The socket of a browser that takes nothing."""
+    """The socket of a browser that never accepts a message."""
 
     def __init__(self) -> None:
         self.tried = 0

@@ -1,4 +1,4 @@
-"""What a browser is told of a run, and what it may do there: by sessions, on simulated time."""
+"""Sessions of browsers on simulated time: the messages about a run, and the permitted actions."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Generated dissectors in tshark: what it shows of frames beside what framekit reads, field by field.
+"""Generated dissectors in tshark: the fields of tshark compared with the values of framekit.
 
-All frames of a protocol go into one capture and tshark runs once for each set of parameters that they need. Skipped
-only where tshark is not installed.
+All frames of a protocol go into one capture, and tshark runs once for each set of parameters they need. Skipped only if
+tshark is not installed.
 """
 
 from __future__ import annotations
@@ -166,7 +166,7 @@ def test_what_cannot_be_said_is_shown_as_bytes(tmp_path: Path) -> None:
 
 
 def told(packets: list[Packet], prefix: str) -> list[tuple[list[str], dict[str, str]]]:
-    """The frames of each packet, and the fields that tell of other packets."""
+    """Return the frames of each packet, and the fields that refer to other packets."""
     names = ("request_in", "response_in", "time")
     return [
         (one.frames, {name: value for name in names if (value := one.value(f"{prefix}.{name}")) is not None})
@@ -308,7 +308,7 @@ def yaml(text: str) -> str:
 
 
 def skeleton(source: str) -> str:
-    """The source without its comments and what stands in its texts."""
+    """Return the source without comments and with empty strings."""
     without = re.sub(r"^-- .*$", "--", source, flags=re.MULTILINE)
     return re.sub(r'"(?:[^"\\\n]|\\.)*"', '""', without)
 

@@ -1,4 +1,4 @@
-"""tshark with a generated dissector: captures of frames, and what it shows of them beside what framekit reads."""
+"""tshark with a generated dissector: captures of frames, and tshark's fields compared with the values of framekit."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ SECOND = 1_000_000_000
 
 @dataclass
 class Shown:
-    """One field of tshark: its name, its value as text, what a person reads, and its bytes in the frame."""
+    """A field of tshark: name, value as text, displayed text, and its bytes in the frame."""
 
     name: str
     value: str
@@ -119,7 +119,7 @@ def serial_capture(path: Path, frames: Sequence[bytes], ways: Sequence[str] = ()
 
 @dataclass
 class Trial:
-    """What came of the vectors of a protocol; `differences` say what tshark shows otherwise than framekit."""
+    """The results for the vectors of a protocol; `differences` are those between tshark and framekit."""
 
     frames: set[str] = field(default_factory=set)
     vectors: int = 0
@@ -167,7 +167,7 @@ def preferences(protocol: Protocol, context: Mapping[str, Any]) -> dict[str, tup
 
 
 def _damaged(frame: bytes, seed: int) -> bytes:
-    """A frame with one bit turned, mostly in what a check code covers."""
+    """Return the frame with one bit inverted, mostly in the bytes that a check code covers."""
     place = (7 * seed + 3) % len(frame)
     return frame[:place] + bytes((frame[place] ^ 1 << seed % 8,)) + frame[place + 1 :]
 
@@ -175,7 +175,10 @@ def _damaged(frame: bytes, seed: int) -> bytes:
 def compare(
     protocol: Protocol, context: Mapping[str, Any], frames: list[bytes], place: Path, found: Trial, good: int = 0
 ) -> None:
-    """One capture, one run of tshark: its fields beside the values of framekit; the first `good` ones are vectors."""
+    """Write one capture, run tshark once, and compare its fields with framekit's values.
+
+    The first `good` frames are vectors.
+    """
     place.mkdir(parents=True, exist_ok=True)
     script, capture, prefix = place / "dissector.lua", place / "frames.pcap", prefix_of(protocol)
     preferred = preferences(protocol, context)
@@ -213,9 +216,10 @@ def compare(
 
 
 def _told(packet: Packet, best: tuple[str, FrameError] | None, ends: bool) -> Iterator[str]:
-    """A bad frame is told, a wrong check code as such. A good one may stand in it.
+    """Yield a message if tshark does not report a bad frame, or not its wrong check code.
 
-    `ends`: the end of the frame is found in a stream, which it is not if none of the frames inside it fits.
+    The bad frame may contain a good frame. `ends`: the receiver can find the end of the frame in a stream; it cannot if
+    no inner frame fits.
     """
     if not packet.experts:
         yield f"is bad ({best}), tshark says nothing"
@@ -229,7 +233,7 @@ Wanted = tuple[str, Any, int, int]
 
 
 def expected(spans: Sequence[tuple[str, int, int, Any]], data: bytes) -> Iterator[Wanted]:
-    """What was read: name, value, first byte, number of bytes (-1: not compared); lists one by one."""
+    """Yield the decoded values: name, value, first byte, number of bytes (-1: not compared); list items one by one."""
     for path, first, last, value in spans:
         name = identifier(path.rpartition(".")[2].partition("[")[0])
         if isinstance(value, list):
@@ -259,7 +263,7 @@ def _fields_differ(protocol: Protocol, wanted: list[Wanted], fields: list[Shown]
 
 
 def numbers_with_names(protocol: Protocol) -> dict[str, list[Mapping[int, str]]]:
-    """The names of numbers, by the name of the value; of each field of that name."""
+    """Return, by value name, the named numbers of each field of that name."""
     found: dict[str, list[Mapping[int, str]]] = {}
     for frame in protocol.frames.values():
         for one in everything(frame.segments):
