@@ -1,8 +1,8 @@
-"""Frames as a user of `construct` would write them, with `Checksum` over the raw bytes; and what Kaitai generates.
+"""Frames as a user of `construct` would write them, with `Checksum` over the raw bytes.
 
-The check codes come from the same functions as framekit's. Kaitai's compiler is no Python package: the class below is
-written as its Python target writes such a description (`seq` of u1 fields, a sized byte field, `valid` on constants);
-Kaitai has no check codes, so the CRC is compared behind it.
+And the code that Kaitai generates. The check codes come from the same functions as framekit's. Kaitai's compiler is not
+a Python package: the class below is written as its Python target writes such a description (`seq` of u1 fields, a sized
+byte field, `valid` on constants). Kaitai has no check codes, so the CRC is compared after it.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Hand-written codecs of the benchmarked frames: the same values, the same checks, written as well as we can.
 
-The check codes come from the same functions as framekit's, since the best hand would use the best function too. What
-was tried and is quicker stands here: `issuperset` of keys instead of sets of them, one CRC over a frame with its code.
+The check codes come from the same functions as framekit's, since the best hand would use the best function too. The
+code uses the quickest form that was found: `issuperset` of keys instead of sets of them, one CRC over a frame with its
+code.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Hand-written functions that build frames of named values: the checks of the encoders by hand, without dictionaries.
 
-The structs are made here: Python calls a method of what a module has imported more slowly than of its own.
+The structs are created here, since Python calls a method of an imported object more slowly.
 """
 
 from __future__ import annotations

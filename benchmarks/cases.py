@@ -94,7 +94,7 @@ CASES = (
 
 @dataclass(frozen=True, slots=True)
 class Named:
-    """Frames inside each other with the named values that one function builds them of, and what does so by hand."""
+    """Nested frames with their named values, and the hand-written function that builds them."""
 
     name: str
     protocol: str

@@ -1,6 +1,6 @@
-"""Checks found in frames: framekit beside crcglot, which recovers CRCs from codewords, on the same frames.
+"""Search for check codes: framekit and crcglot, which recovers CRCs from codewords, on the same frames.
 
-`python -m benchmarks.check_search` needs crcglot (pip install crcglot). Right is a result that computes the codes of
+`python -m benchmarks.check_search` needs crcglot (pip install crcglot). A result is right if it computes the codes of
 other frames of the same protocol.
 """
 
@@ -20,7 +20,10 @@ Words = tuple[int, int, int, bool, bool, int]
 
 @dataclass
 class Frames:
-    """Frames with a CRC behind `start` bytes that do not count and before `tail` bytes; and others like them."""
+    """Frames with a CRC that ignores the first `start` bytes and precedes the last `tail` bytes.
+
+    `fresh` are further frames.
+    """
 
     words: Words
     start: int

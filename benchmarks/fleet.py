@@ -1,9 +1,9 @@
-"""A fleet on this machine: 200 gateways of 50 points each at one mosquitto, which is ended and started again.
+"""Measure a fleet on this machine: 200 gateways of 50 points each at one mosquitto, which is stopped and restarted.
 
-`python -m benchmarks.fleet` starts the gateways in a few processes, waits until all are listed and well, ends the
-broker for some seconds while all points change, and prints how long the list takes, how long it takes until all are
-there again, what the gateways take of a core, and whether a value was lost: each point counts up by one, every count
-that a gateway has told is looked for among what a subscriber with a session of its own has got.
+`python -m benchmarks.fleet` starts the gateways in a few processes, waits until all are listed and healthy, stops the
+broker for some seconds while all points change, and prints the time until the list is complete, the time until all
+gateways are back, the CPU share of the gateways, and whether a value was lost. Each point counts up by one; every count
+that a gateway has reported must be among the messages of a subscriber with a session of its own.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ async def _work(paths: list[Path], ended: Any, results: Any) -> None:
 
 
 class Broker:
-    """A mosquitto on a free port, which keeps what it has over an orderly end."""
+    """A mosquitto on a free port that keeps its messages over an orderly restart."""
 
     def __init__(self, folder: Path) -> None:
         with socket.create_server(("127.0.0.1", 0)) as free:

@@ -1,8 +1,7 @@
-"""How right `framekit guess` is about programs not written here: recordings of them at work, each held against what is
-known of its protocol.
+"""Measure how often `framekit guess` is right about recordings of other programs, whose protocols are known.
 
-`python -m benchmarks.guess_real [--seed N] [--one NAME]`; `make guess-score` runs it too. The first 5, 10, 20, 50, 100
-and 200 frames of each file in tests/data/guess are looked at by themselves, clean and with 1 % of the frames damaged.
+`python -m benchmarks.guess_real [--seed N] [--one NAME]`; `make guess-score` runs it, too. The first 5, 10, 20, 50, 100
+and 200 frames of each file in tests/data/guess are guessed separately, clean and with 1 % of the frames damaged.
 """
 
 from __future__ import annotations
@@ -80,8 +79,11 @@ def always(frame: bytes) -> bool:
 
 @dataclass(frozen=True)
 class RealTruth:
-    """What is known of a protocol. `checked`: which frames have a check, None for none; `length`: offset, width, order
-    of its length field; `counters`, `counts`, `copies`: the bytes that may be told as such."""
+    """The known facts of a protocol.
+
+    `checked` selects the frames with a check code, None: no frames; `length` is offset, width and order of its length
+    field; `counters`, `counts` and `copies` are the offsets that may be reported as such.
+    """
 
     group: str
     size: Size
@@ -197,7 +199,7 @@ def case_of(name: str, count: int, damage: random.Random | None = None) -> RealC
 
 
 def judged_real(case: RealCase) -> Marks:
-    """Holds what is said of a case against what is known."""
+    """Compare the guess for a case with the known protocol."""
     began = time.perf_counter()
     found = guess(case.chunks)
     seconds = time.perf_counter() - began
@@ -245,14 +247,14 @@ def _is_right(found: Guess, check: CheckGuess, frame: bytes) -> bool:
 
 
 def _is_true(found: Guess, check: CheckGuess, checked: Sequence[tuple[str, bytes]]) -> bool:
-    """Whether a check holds in all frames that go and begin as those of which it is told."""
+    """Return whether the check is right in all frames of the same direction and first byte as its kinds."""
     heads = {(kind.direction, frame.data[:1]) for kind in found.kinds if kind.check is check for frame in kind.frames}
     told = [frame for way, frame in checked if (way, frame[:1]) in heads]
     return bool(told) and all(_is_right(found, check, frame) for frame in told)
 
 
 def _wrong_fields(found: Guess, truth: RealTruth) -> list[str]:
-    """Counters, counts and copies that are said for sure and are none."""
+    """Return the counters, counts and copies that are reported as sure but wrong."""
     allowed = {"counter": truth.counters, "count": truth.counts, "copy": truth.copies}
     return [
         f"{kind.name}: {one.kind} at {one.offset}"
@@ -275,7 +277,7 @@ def cases_of(name: str, seed: int) -> list[RealCase]:
 
 
 def all_of(words: tuple[str, int]) -> list[tuple[str, int, bool, Marks]]:
-    """What is said of all cases of a file, for processes."""
+    """Return the results of all cases of a file, for worker processes."""
     return [(one.name, len(one.spans), one.is_damaged, judged_real(one)) for one in cases_of(*words)]
 
 

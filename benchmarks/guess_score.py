@@ -1,8 +1,7 @@
-"""How right `framekit guess` is: made-up protocols, drawn anew each run, and what was said of each held against the
-truth.
+"""Measure how often `framekit guess` is right about random protocols, drawn anew in each run.
 
-`make guess-score`, or `python -m benchmarks.guess_score [--seed N] [--count N] [--one SEED]`. Codes are worked out here
-bit by bit, so that the score owes nothing to framekit's own functions.
+`make guess-score`, or `python -m benchmarks.guess_score [--seed N] [--count N] [--one SEED]`. Check codes are computed
+here bit by bit, so the score does not depend on framekit's own functions.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ def bitwise_crc(data: bytes, width: int, poly: int, init: int, refin: bool, refo
 
 @dataclass
 class Check:
-    """A code of the truth: what it is called, its bytes, how they stand, and its function."""
+    """A check code of the truth: kind, size, byte order, notation and function."""
 
     kind: str
     size: int = 0
@@ -58,7 +57,7 @@ class Check:
 
 
 def draw_check(rng: random.Random, text: bool, start_mark: int) -> Check:
-    """Any method over a range that begins at the frame, behind its start mark, or two bytes further."""
+    """Draw a method and the start of its range: the frame's start, after its start mark, or two bytes later."""
     start = rng.choice([0, start_mark, start_mark, start_mark + rng.choice([0, 1, 2])])
     kind = rng.choice(["catalogue"] * 4 + ["poly16"] * 3 + ["sum", "sum", "xor", "none"])
     order = rng.choice(["big", "little"])
@@ -246,7 +245,7 @@ def draw_case(seed: int) -> Case:
 
 @dataclass
 class Marks:
-    """What was right in one case; None: there was nothing to be right about."""
+    """The result of one case; None if the case does not test the item."""
 
     framing: bool
     check: bool | None
@@ -257,7 +256,7 @@ class Marks:
 
 
 def judged(case: Case) -> Marks:
-    """Holds what is said of a case against its truth."""
+    """Compare the guess for a case with its truth."""
     began = time.perf_counter()
     found = guess(case.chunks)
     seconds = time.perf_counter() - began
@@ -309,7 +308,7 @@ def _check_is_right(found: Guess, case: Case) -> bool:
 
 
 def _wrong_fields(found: Guess, case: Case) -> list[str]:
-    """Counters, counts and copies that are said for sure and are none."""
+    """Return the counters, counts and copies that are reported as sure but wrong."""
     wrong = []
     for kind in found.kinds:
         for one in kind.fields:
@@ -377,7 +376,7 @@ def share(some: list[bool | None]) -> str:
 
 
 def show(case: Case) -> None:
-    """One case in full, with what was said of it."""
+    """Print a case in full, with its guess."""
     made = case.made
     print(made, "damaged" if case.is_damaged else "clean")
     for chunk in case.chunks[:40]:

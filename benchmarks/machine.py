@@ -1,4 +1,4 @@
-"""What was measured on: processor, system, and the versions of everything that is compared."""
+"""Describe the measuring machine: processor, system, and the versions of all compared packages."""
 
 from __future__ import annotations
 

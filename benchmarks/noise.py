@@ -1,7 +1,7 @@
-"""Noise that costs a channel much: drawn and bred bytes for every shipped protocol and role, and what each costs.
+"""Noise that is expensive for a channel: random and bred bytes for every shipped protocol and role, with their costs.
 
-`python -m benchmarks.noise [--seconds S] [PROTOCOL …]` searches for worse bytes and prints what it has found. The
-search counts calls, which no other load on the machine changes; the times it prints are processor times.
+`python -m benchmarks.noise [--seconds S] [PROTOCOL …]` searches for more expensive bytes and prints them. The search
+counts calls, which do not depend on the load of the machine; the printed times are processor times.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ ADDRESSES = {
     "srtp": "%R1",
     "ccm": "%R1",
 }
-"""What a client reads, by how its protocol's name begins; the clients of all others only listen."""
+"""Read address of a client, by prefix of the protocol name; the clients of all other protocols only listen."""
 STATIONS: dict[str, Any] = {"snp": ("A", ""), "snp-x": (b"A".ljust(8, b"\0"), bytes(8)), "srtp": (None, None)}
 
 
@@ -100,10 +100,11 @@ class Line:
         self.engine.opened(0)
 
     def hear(self, data: bytes, piece: int = PIECE) -> None:
-        """Noise in pieces, with pauses between small ones; after each the client asks again if its exchange is over.
+        """Receive noise in pieces, with pauses between small pieces.
 
-        Where a bad frame is followed by skipping until a silence, silences stand in the noise, so that frames are
-        looked for again; where it breaks the connection, the next `PIECE` comes over a new one.
+        The client requests again when its exchange is over. If skipping until a silence follows a bad frame, silences
+        are inserted, so the search for frames restarts. If a bad frame breaks the connection, the next `PIECE` comes
+        over a new connection.
         """
         piece = SMALL if self.silence else piece
         pause = self.silence or (PAUSE if piece <= SMALL else 1000)
@@ -140,7 +141,7 @@ def seconds(link: Link, data: bytes, piece: int = PIECE) -> float:
 
 
 def turn(link: Link, data: bytes) -> float:
-    """The longest turn of a loop (s): as much as it takes at once of bytes that come first, behind other pieces."""
+    """Return the longest turn of a loop in seconds: the most bytes that are handled at once, after other pieces."""
     lines, times = [Line(link) for _ in range(5)], []
     for line in lines:
         if line.address:
@@ -239,7 +240,7 @@ def changed(name: str, data: bytes, choose: Random) -> bytes:
 
 
 def worst(link: Link, seconds_each: float, piece: int = PIECE) -> tuple[float, bytes]:
-    """The most calls a byte found in that time for bytes in such pieces, and the bytes."""
+    """Return the most calls per byte found within that time for bytes in such pieces, and these bytes."""
     choose, until = Random(7), time.monotonic() + seconds_each
     first = with_wrong_checks(link.protocol) + [drawn(link.protocol, choose) for _ in range(12)]
     best = max((calls(link, data * 2, piece), data) for data in first)

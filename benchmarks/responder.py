@@ -14,7 +14,7 @@ import sys
 from collections.abc import Iterator
 
 REGISTERS = bytes(range(20))
-"""What the ten registers hold, high byte first."""
+"""The content of the ten registers, high byte first."""
 VALUES = list(struct.unpack(">10H", REGISTERS))
 REQUEST_SIZE = 12
 

@@ -1,4 +1,4 @@
-"""What every benchmark gives: rows of a figure, what it is held against, and the target it is to reach."""
+"""Results of benchmarks: rows with a figure, its reference, and its target."""
 
 from __future__ import annotations
 
@@ -22,8 +22,10 @@ class Target:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One line of the table. `low` and `high`: the quartiles of the rounds. `details`: medians and whatever else tells
-    how the figure came about, with its unit in its name (`by hand µs`)."""
+    """A row of the table. `low` and `high` are the quartiles of the rounds.
+
+    `details` are medians and other parts of the figure, with their unit in the name (`by hand µs`).
+    """
 
     what: str
     against: str
@@ -43,7 +45,7 @@ class Row:
 
 
 class RowModule(Protocol):
-    """A module of `benchmarks.rows`: what is measured, the target of the issue in words, and what measures it."""
+    """A module of `benchmarks.rows`: its name, the target of the issue in words, and the measuring function."""
 
     NAME: str
     TARGET: str

@@ -26,7 +26,7 @@ FIRST, LAST = "  # messages: tools/mavlink_messages.py writes them\n", "  # end 
 TYPES = {"uint8_t": "u8", "uint16_t": "u16", "uint32_t": "u32", "uint64_t": "u64", "int8_t": "i8", "int16_t": "i16"}
 TYPES |= {"int32_t": "i32", "int64_t": "i64", "float": "f32", "double": "f64"}
 OURS = {"sequence", "system", "component", "id", "n", "payload", "incompatible", "compatible"}
-"""Names of the frame itself: a field of a message that has one gets `_` behind it."""
+"""Names of the frame itself; a message field with such a name gets a trailing `_`."""
 
 
 def name_of(name: str) -> str:

@@ -1,8 +1,8 @@
-"""Records programs not written here at work: what passes between them over real terminals and sockets.
+"""Record other programs at work: their communication over real terminals and sockets.
 
-`PYTHONPATH=tests python tools/real_captures.py [NAME…]` writes tests/data/guess/NAME.pcap, all of them without a name,
-and the README beside them. Needs framekit with its extra `test`, the programs of `NEEDS`, and `mbpoll`. What they send
-is drawn with fixed seeds; their times are their own.
+`PYTHONPATH=tests python tools/real_captures.py [NAME…]` writes tests/data/guess/NAME.pcap, without a name all of them,
+and the README in the same folder. It needs framekit with its extra `test`, the programs of `NEEDS`, and `mbpoll`. The
+transmitted values are drawn with fixed seeds; the times are real.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ LINE = LineFormat(19200)
 
 @dataclass(frozen=True)
 class Recording:
-    """What makes one file: `program` that talks, with what it talks to, and the packages whose versions count."""
+    """The source of one file: `program` and its peer, and the packages whose versions matter."""
 
     program: str
     other: str
@@ -60,7 +60,7 @@ def recording(name: str, program: str, other: str = "", packages: Iterable[str] 
 
 @asynccontextmanager
 async def recorded(path: Path, urls: list[str]) -> AsyncIterator[None]:
-    """Records while it is open; of two ports what comes at one leaves at the other."""
+    """Record within the context; with two ports, forward the bytes of each port to the other."""
     ready: set[int] = set()
     opened = asyncio.Event()
 
@@ -118,7 +118,7 @@ async def before_connection(path: Path, server: int) -> AsyncIterator[int]:
 
 
 async def sent(path: Path, frames: Iterable[bytes], pause: float = 0.01) -> None:
-    """What a program makes, written to a terminal with a pause after each frame."""
+    """Record frames of a program, written to a terminal with a pause after each frame."""
     with PtyPair() as pair:
 
         def write() -> None:
@@ -742,7 +742,7 @@ def version_of(package: str) -> str:
 
 
 def readme() -> str:
-    """What the files are."""
+    """Return the README of the recordings."""
     lines = [
         "# Programs not written here, at work",
         "",

@@ -1,8 +1,8 @@
-"""The documentation site: `make docs`, or `python tools/site.py`.
+"""Build the documentation site: `make docs`, or `python tools/site.py`.
 
-Lays the pages out as the repository has them, so that every link between them leads to the same place, adds the gallery
-of protocols (each made of its definition), and builds the site with MkDocs. Nothing is taken from the network: search
-and styles are the site's own, and diagrams are drawn by the package `mermaid` where npm has it, else shown as text.
+The pages keep the layout of the repository, so all links between them remain valid; the gallery of protocols is added,
+each page made from its definition, and MkDocs builds the site. The build needs no network: search and styles are the
+site's own, and diagrams are drawn by the package `mermaid` if npm has it, else shown as text.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ STYLE = ".md-grid{max-width:1280px}.md-typeset table:not([class]){font-size:.72r
 
 
 def files_of(folder: str) -> list[str]:
-    """The files of a folder that belong to the repository, not what is left there by trying the examples."""
+    """Return the files of a folder that belong to the repository, without files created by trying the examples."""
     found = subprocess.run(["git", "ls-files", "-z", folder], cwd=ROOT, capture_output=True, text=True, check=False)
     if found.returncode == 0 and found.stdout:
         return [file for file in found.stdout.split("\0") if file and (ROOT / file).is_file()]

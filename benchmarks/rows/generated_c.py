@@ -1,8 +1,8 @@
-"""Generated C beside C by hand and what Kaitai's compiler makes for C++, compiled by the same compiler in one program.
+"""Generated C, C by hand and the C++ of Kaitai's compiler, compiled by the same compiler in one program.
 
-The frame is the register reply of `benchmarks/registers.yaml`; `benchmarks/c` has what it is held against. Kaitai's
-library for C++ is no package of Python: `KAITAI_CPP=FOLDER` says where it stands (with `kaitai/kaitaistream.cpp`), and
-without it the rows of Kaitai are left out.
+The frame is the register reply of `benchmarks/registers.yaml`; `benchmarks/c` has the code it is compared with.
+Kaitai's C++ library is not a Python package: `KAITAI_CPP=FOLDER` gives its folder (with `kaitai/kaitaistream.cpp`);
+without it, the rows of Kaitai are left out.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ DEFINITION = Path(__file__).parent.parent / "registers.yaml"
 FRAMES = 1000
 """Replies of a stream: as `main.cpp` has it."""
 WHAT = {"decode": 1, "encode": 1, "stream": FRAMES}
-"""What is measured, and how many frames one call of it has."""
+"""Name of a measurement → number of frames per call."""
 
 
 def run(rounds: int) -> list[Row]:

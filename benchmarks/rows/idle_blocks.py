@@ -1,7 +1,7 @@
-"""512 idle blocks that watch bits while memory is written 1,000 times a second, against one block: CPU time.
+"""512 idle blocks that watch bits while memory is written 1,000 times a second, compared with one block: CPU time.
 
-Blocks watch one bit each. Writes go to words that nobody watches, as those of a program mostly do, and – a harder
-case – to words in which blocks watch other bits.
+Each block watches one bit. The writes go to unwatched words, like most writes of a program, and – a harder case – to
+words in which blocks watch other bits.
 """
 
 from __future__ import annotations

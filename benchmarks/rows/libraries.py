@@ -110,7 +110,7 @@ def _encode_rows(
 def _numbers(
     case: Case, data: bytes, numbers: list[int], pymodbus: tuple[Callable[[], object], ...], rounds: int
 ) -> list[Row]:
-    """The same with a definition whose registers are numbers, which nothing has to be made of."""
+    """Measure the same with a definition whose registers are numbers, which need no conversion."""
     codec, build = codec_of(REGISTERS), builder_of(REGISTERS, *REPLY)
     encode, decode = codec.encoders[case.frame], codec.decoders[case.frame]
     values = {"station": 17, "pdu": {"read_holding_reply": {"values": numbers}}}

@@ -1,7 +1,7 @@
-"""One channel at 115200 on the simulated line, READs back to back: how much of the line's limit is used.
+"""One channel at 115200 baud on the simulated line, READs without pause: the used share of the line's limit.
 
-The limit is what the characters of request and reply take, and the silence that has to stand before each of them. The
-clock is virtual: what is measured is whether the procedure loses time, not how fast the machine is.
+The limit is the time of the characters of request and reply, and of the silence before each of them. The clock is
+virtual: the figure shows whether the procedure loses time, not how fast the machine is.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ REQUEST_SIZE = 8
 
 
 def run(rounds: int) -> list[Row]:
-    """`rounds` changes nothing: simulated time is always the same."""
+    """Measure once; `rounds` is ignored, since simulated time is always the same."""
     return [_measure(count) for count in (1, 10, 125)]
 
 

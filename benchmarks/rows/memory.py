@@ -1,6 +1,6 @@
-"""64 channels with 512 blocks for hours of simulated time: what the process holds must not grow after the first hour.
+"""64 channels with 512 blocks for hours of simulated time: memory must not grow after the first hour.
 
-`make bench` simulates 4 hours; `python -m benchmarks.rows.memory --hours 24` as many as one likes.
+`make bench` simulates 4 hours; `python -m benchmarks.rows.memory --hours 24` simulates any number.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def _resident() -> float:
 
 
 def run(rounds: int) -> list[Row]:
-    """`rounds` changes nothing: simulated time is always the same."""
+    """Measure once; `rounds` is ignored, since simulated time is always the same."""
     return [simulate(4)]
 
 

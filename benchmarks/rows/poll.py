@@ -1,9 +1,8 @@
-"""READ of 10 registers over TCP loopback, one after the other: CPU time of this process a poll.
+"""READ of 10 registers over TCP loopback, one after the other: CPU time of this process per poll.
 
-The bare client below sends the same bytes and makes the same checks, and nothing else: the next request goes out from
-the callback of the last reply. framekit's poll loop is `client.poll`; a loop around `await client.read(…)` and two READ
-blocks of a run that start each other are measured beside it. All share one event loop and one responder in another
-process.
+The bare client below sends the same bytes and makes the same checks only: the next request is sent from the callback of
+the last reply. framekit's poll loop is `client.poll`; a loop of `await client.read(…)` and two READ blocks of a run
+that start each other are measured, too. All share one event loop and one responder in another process.
 """
 
 from __future__ import annotations

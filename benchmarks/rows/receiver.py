@@ -19,7 +19,7 @@ MILLION = 1_000_000
 AT_MOST = Target("at most", 4)
 LINEAR = Target("at most", 1.1)
 CHARACTER = 500_000
-"""Nanoseconds a character takes, about; the noise is told by content, not by silences."""
+"""Approximate duration of a character in ns; noise is detected by content, not by silence."""
 
 
 def run(rounds: int) -> list[Row]:
@@ -60,7 +60,7 @@ def _decode(kind: Kind, stream: Sample) -> None:
 
 
 def _growth(kind: Kind) -> list[Row]:
-    """Time a byte at 10 and 100 MB, as multiples of that at 1 MB."""
+    """Measure the time per byte at 10 and 100 MB, as multiples of the time at 1 MB."""
     pieces = {size: list(sample(kind, size * MILLION).pieces()) for size in (1, 10, 100)}
     found = compare_once({str(size): partial(receive, kind, cut) for size, cut in pieces.items()}, 1)
     each = {size: Timing(tuple(it / size for it in found[str(size)].rounds)) for size in pieces}

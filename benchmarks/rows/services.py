@@ -1,9 +1,9 @@
-"""A read of ten words over TCP as people run it, CPU time of each side: `framekit serve`, `await client.read`, a run.
+"""A read of ten words over TCP as users run it, CPU time of each side: `framekit serve`, `await client.read`, a run.
 
-Each server is a process of its own: `framekit serve --quiet`, and pymodbus's for Modbus TCP; its time is what the
-system counts for it. Each client is in this process. Every protocol that comes with framekit is asked by its own client
-at its own server (DF1: full duplex; SNP and SNP-X: without break, which TCP does not carry, and with the pauses of
-their lines). Beside all of them stands pymodbus's client at pymodbus's server, round by round.
+Each server is a process of its own: `framekit serve --quiet`, and pymodbus's server for Modbus TCP; its time is
+measured by the system. The clients run in this process. Every shipped protocol is measured with its own client and
+server (DF1: full duplex; SNP and SNP-X: without break, which TCP does not carry, and with the pauses of their lines).
+In every round, pymodbus's client and server are measured, too.
 """
 
 from __future__ import annotations

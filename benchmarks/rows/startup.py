@@ -1,7 +1,7 @@
-"""How long `framekit --version` and `framekit decode` take from nothing, against `python -c pass`: CPU time.
+"""Start-up time of `framekit --version` and `framekit decode`, compared with `python -c pass`: CPU time.
 
-Python keeps the byte code of framekit in a folder of its own here, as it does for an installed package; so does
-framekit the compiled protocol. Both are filled before the first round.
+Python's byte code of framekit is cached in a separate folder, like that of an installed package, and framekit caches
+the compiled protocol. Both caches are filled before the first round.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""From a bit that is set to the first byte at the port, 64 blocks armed: the 99th percentile, against bare asyncio.
+"""Latency from a set bit to the first byte at the port with 64 armed blocks: 99th percentile, against bare asyncio.
 
-Bare asyncio is a callback that the loop calls soon and that writes the bytes. Both write into the same kind of port,
-which notes the time and sends nothing: a system call would only hide the difference.
+Bare asyncio is a `call_soon` callback that writes the bytes. Both write into the same kind of port, which records the
+time and sends no bytes, since a system call would only hide the difference.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ BLOCKS = 64
 
 
 class NotingPort(Port):
-    """Notes when something is handed over, and tells at once that it has left."""
+    """Record the time of a write, and report it as transmitted at once."""
 
     name, settings = "noting", None
 

@@ -90,7 +90,7 @@ def test_a_size_is_never_that_of_a_field_outside_if_the_record_has_the_name_late
 
 
 def test_what_is_compared_later_waits_for_the_segment_of_its_own_record() -> None:
-    """The earlier record has its own `d`, which says nothing about the `d` that the length counts."""
+    """The earlier record has its own `d`; the length counts another `d`."""
     codec = codec_of("""
 protocol: p
 layouts: {r: [{data: d, size: 1}]}
@@ -121,7 +121,7 @@ frames: {f: {body: [{field: k, type: u8}, {choose: k, cases: {1: [{field: a, typ
 
 
 def test_a_check_code_that_was_never_reached_is_not_compared() -> None:
-    """The check code covers a later segment, so it is compared last; the frame is too short for that."""
+    """The check code covers a later segment, so it is compared last; the frame ends before."""
     codec = codec_of("""
 protocol: p
 frames: {f: {body: [{field: a, type: u16}, {check: sum8, over: [b]}, {field: b, type: u8}]}}

@@ -1,6 +1,6 @@
 """Base constructs of all segments: presence, offset in the frame, and values.
 
-The construct of a segment reads into the record whose context it gets, and writes from the `Filling` of that record.
+The construct of a segment gets the context of a record: it reads into the record, and writes from its `Filling`.
 """
 
 from __future__ import annotations

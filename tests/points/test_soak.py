@@ -1,8 +1,7 @@
-"""A run of 8 channels with every kind of sink, over real ports, while broker and database are killed: do all add up?
+"""Soak test: 8 channels with every kind of sink on real ports, while broker and database are killed.
 
-`python tests/points/test_soak.py --minutes 30` takes that long and prints figures. Each point counts in its device.
-What the run told of its points has to stand in each history, to the value, in order, and each once where the sink can
-see to it.
+`python tests/points/test_soak.py --minutes 30` runs that long and prints figures. Each point counts in its device. Every
+value that the run reported must be in the history of each sink, in order, and only once if the sink can ensure it.
 """
 
 from __future__ import annotations

@@ -42,7 +42,7 @@ class Link:
     own: dict[str, Any] = field(default_factory=dict)
     me: Any = 1
     service: str = ""
-    """What is called, by protocols that read and write nothing by address."""
+    """The service to call, for protocols without reads and writes by address."""
     count: int = 4
     """How many values one exchange reads or writes."""
 
@@ -72,7 +72,7 @@ loaded = cache(load_protocol)
 
 
 class FaultWorld:
-    """One exchange after the other; what is read is compared with what the device has."""
+    """A sequence of exchanges with faults; values read by the client are compared with the memory of the device."""
 
     def __init__(self, link: Link, *rules: FaultRule, seed: int = 1, echo: bool = False) -> None:
         self.link = link

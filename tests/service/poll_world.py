@@ -26,7 +26,7 @@ SECOND = 1000 * MS
 
 
 class HandPort(Port):
-    """A port on which a test is the device. `at_once`: what is written has left before the call is over."""
+    """A port on which the test plays the device. `at_once`: a write is transmitted before the call returns."""
 
     name = "hand"
     settings = None
@@ -69,7 +69,7 @@ class HandPort(Port):
 
 
 class Told:
-    """What one poll has told."""
+    """The results of one poll."""
 
     def __init__(self) -> None:
         self.values: list[tuple[int, ...]] = []
@@ -90,7 +90,7 @@ class Told:
 
 
 class Asking:
-    """A client, and what its calls have told."""
+    """A client with the results of its calls."""
 
     service: ClientService
     clock: VirtualClock
@@ -99,7 +99,7 @@ class Asking:
         self, address: str, count: int = 1, *, station: Any, every: int = 0, unit: str | None = None,
         told: Told | None = None,
     ) -> tuple[Polling, Told]:  # fmt: skip
-        """A poll that has begun."""
+        """Start a poll."""
         told = Told() if told is None else told
         polling = Polling(
             self.service, address, station=station, unit=unit, count=count, every=every, on_result=told.result
@@ -126,7 +126,7 @@ class Asking:
 
 
 class ByHand(Asking):
-    """A client on a port played by hand, and a device that a test may ask what it would say."""
+    """A client on a hand-played port, and a device that computes replies on request."""
 
     def __init__(self, protocol: str, *, at_once: bool = True, watched: bool = False, **params: Any) -> None:
         self.clock = VirtualClock()
@@ -149,7 +149,7 @@ class ByHand(Asking):
         return self.port.written[-1]
 
     def reply(self) -> bytes:
-        """What the device says to it."""
+        """Return the device's reply to the last request."""
         self.clock.run_for(0)
         waiting, said = deque(self._device.receive(self.asked, self.clock.now())), b""
         while waiting:
@@ -202,7 +202,7 @@ class OnLine(Asking):
         self.clock.run_for(SECOND)
 
     def put(self, values: list[int]) -> None:
-        """What the device has where the link reads."""
+        """Set the device's values at the address that the link reads."""
         place = self.device.device.grammar.parse(self.link.address)
         self.device.memory.write(place.area, place.unit, place.start, values, force=True)
 

@@ -1,4 +1,4 @@
-"""Clients that are allowed on ports that listen: who comes in, who does not, and what is said and counted of them."""
+"""Allowed clients of listening ports: accepted and refused connections, with their messages and counters."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ASKS = bytes.fromhex("000100000006010300000001")
 
 
 def answer_at(port: str) -> bytes:
-    """What a client gets for a Modbus request; nothing where it is closed."""
+    """Return the reply to a Modbus request, or no bytes if the connection is closed."""
     host, _, number = port.partition("://")[2].rpartition(":")
     with socket.create_connection((host, int(number)), timeout=60) as client:
         try:

@@ -1,4 +1,4 @@
-"""Our client against a server that is late, short, of another station, noisy: nothing wrong is taken."""
+"""Our client with a server that is late, short, of another station or noisy: no wrong value is accepted."""
 
 from __future__ import annotations
 

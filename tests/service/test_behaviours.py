@@ -37,7 +37,7 @@ class World:
         self.store.begin()
 
     def values(self, address: str, seconds: int, every: float = 1, type_: str | None = None) -> list[Any]:
-        """What stands there now and after each step, so long."""
+        """Return the current value and the values after each step, for so many seconds."""
         found = [self.read(address, type_)]
         for _ in range(round(seconds / every)):
             self.clock.run_for(round(every * SECOND))

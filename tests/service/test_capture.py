@@ -1,4 +1,4 @@
-"""Captures: what is written can be read again, by us and by tshark; killed writers and foreign files."""
+"""Captures can be read again, by framekit and by tshark; captures of killed writers and files of other programs."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_the_layout_of_a_record(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["x.pcap", "x.jsonl"])
 def test_a_killed_writer_leaves_a_file_that_can_be_read(tmp_path: Path, name: str) -> None:
-    """Whatever the last record has come to, all before it are there."""
+    """All records before the last are complete, however much of the last record was written."""
     path = tmp_path / name
     capture = Capture(path, (1,), VirtualClock())
     sizes = [path.stat().st_size]
@@ -151,7 +151,7 @@ def test_a_full_disk_stops_the_capture_and_nothing_else(tmp_path: Path) -> None:
 
 
 class Listening:
-    """Keeps what a port tells."""
+    """Recorder of port events."""
 
     def __init__(self) -> None:
         self.told: list[tuple[str, bytes]] = []

@@ -105,7 +105,7 @@ def test_refusals_faults_and_reports(tmp_path: Path) -> None:
 
 
 def test_a_status_word_without_a_place_is_told_by_the_log_alone(tmp_path: Path) -> None:
-    """A190H: the status word would have to tell that it has no place."""
+    """A190H: the status word has no place to be written to, so only the log reports the fault."""
     system, beyond, wait = list(READ), list(READ), list(READ)
     system[2], beyond[3], wait[1] = 24, 0xFFFF, 1
     at_work = ladder(tmp_path, system, beyond, wait)

@@ -1,6 +1,6 @@
-"""Two stations that both ask and both answer, at the same time, on a full-duplex line that damages what it carries.
+"""Two stations that send requests to each other at the same time, on a full-duplex line that damages transmissions.
 
-`FRAMEKIT_EXCHANGES` sets how many exchanges (both sides together); the figures of docs/protocols are those of 100,000.
+`FRAMEKIT_EXCHANGES` sets the number of exchanges of both sides together; docs/protocols gives the figures of 100,000.
 """
 
 from __future__ import annotations
@@ -43,9 +43,10 @@ def df1() -> Codec:
 
 @dataclass
 class Damage:
-    """Every hundredth transmission has wrong bytes: so many, at random places.
+    """Replace `wrong_bytes` random bytes of every hundredth transmission.
 
-    `in_packets`: how often a BCC covers all of them, or is one; `passed`: what was a good message all the same.
+    `in_packets` counts damage that a BCC covers completely, including the BCC itself; `passed` counts damaged messages
+    that were accepted.
     """
 
     random: Random
@@ -110,7 +111,7 @@ class Station:
         self.server.unanswered()
 
     def next(self) -> None:
-        """Writes a random value somewhere, or reads what has been written."""
+        """Write a random value to a random place, or read a place and compare it."""
         if self.todo == 0:
             return
         self.todo -= 1
@@ -172,7 +173,7 @@ def test_every_exchange_is_done_or_reported_and_executed_once(embedded: str) -> 
 
 @pytest.mark.long
 def test_a_sum_lets_pass_what_theory_says() -> None:
-    """Three wrong bytes: the last one has to undo the others, one value of 255. Whatever is wrong has passed so."""
+    """Three wrong bytes cancel out with probability 1/255; every accepted wrong value comes from such a message."""
     stations, damage = run(3, {"check_kind": "bcc", "ack_timeout": "500 ms"}, EXCHANGES)
     theory = damage.in_packets / 255
     assert abs(damage.passed - theory) <= 4 * math.sqrt(theory), (damage.passed, theory)

@@ -1,4 +1,4 @@
-"""Stations that do not answer: asked rarely after a while, back by themselves, and nobody else is held up by them."""
+"""Stations that do not answer: polled rarely after some failures, recovered by themselves, without delaying others."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from framekit.transport.clock import VirtualClock
 SECOND = 1_000_000_000
 CHANNELS, BLOCKS = 2, 8
 DEAD = 3
-"""Block 3 of every channel asks a station of its own; on channel 1 nobody is there."""
+"""Block 3 of every channel polls a station of its own; the station on channel 1 is missing."""
 
 
 def write_run(folder: Path) -> Path:

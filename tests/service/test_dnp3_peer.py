@@ -1,6 +1,6 @@
-"""dnp3py, master and outstation written by others, with a client and a simulated outstation on real TCP.
+"""dnp3py, an independent master and outstation, with a client and a simulated outstation on real TCP.
 
-Skipped only where it is not installed.
+Skipped only if it is not installed.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ SECOND = 1_000_000_000
 
 
 class QuickPort(Port):
-    """A port that has taken everything as soon as it is handed over, and from which nothing comes."""
+    """A port that transmits every write at once and receives no data."""
 
     name = "quick"
     settings = None
@@ -86,7 +86,7 @@ def test_a_clock_keeps_nothing_of_a_driver_that_has_been_stopped() -> None:
 
 
 class FaultyEngine:
-    """Raises for what comes, after it has begun to wait for a time."""
+    """An engine that sets a deadline and then raises for received bytes."""
 
     good_frames = 0
 

@@ -1,7 +1,7 @@
-"""dynamixel-sdk, a master written by others, at a simulated drive on a real terminal.
+"""dynamixel-sdk, an independent master, with a simulated drive on a real terminal.
 
-Skipped only where it is not installed. Its own stuffing is at fault: `txPacket` throws the stuffed packet away and
-sends the plain one, so a header inside the content goes out as it is.
+Skipped only if it is not installed. Its byte stuffing has a bug: `txPacket` discards the stuffed packet and sends the
+plain packet, so a header inside the content is transmitted unchanged.
 """
 
 from __future__ import annotations

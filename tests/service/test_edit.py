@@ -1,4 +1,4 @@
-"""Edited runs: what is the same goes on as if nothing had been, what is not begins anew, an edit is refused whole."""
+"""Edited runs: unchanged parts continue undisturbed, changed parts restart, an invalid edit is refused as a whole."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The end of a run in good order: sessions are closed once nothing runs any more, and nobody is waited for for ever."""
+"""The orderly end of a run: sessions are closed after the last exchange, and no wait is unbounded."""
 
 from __future__ import annotations
 

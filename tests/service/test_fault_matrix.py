@@ -1,6 +1,7 @@
-"""Every fault of a plan against every client protocol: nothing wrong is stored, the next exchange succeeds, it shows.
+"""Every fault of a plan with every client protocol: no wrong value is stored, the next exchange succeeds.
 
-With parity or a CRC on the line no damage may pass. What 8-bit checks alone let pass is measured with the codecs.
+The fault is reported. With parity or a CRC on the line, no damage may pass. The undetected damage of 8-bit checks is
+measured with the codecs.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What becomes of a frame that a fault plan has held back, whatever happens to the next one."""
+"""Frames that a fault plan holds back, combined with every fault of the next frame."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ A, B, C = b"\x01\x06\x00", b"\x01\x03\x02", b"\x01\x04\x05"
 
 
 class Events(PortEvents):
-    """The owner: what it is told, with the time."""
+    """The owner of the port: records events with their times."""
 
     def __init__(self) -> None:
         self.told: list[tuple[str, int]] = []
@@ -67,7 +67,7 @@ class Recorder(Port):
 
 
 def sent(*rules: FaultRule) -> tuple[list[bytes], list[tuple[str, int]]]:
-    """What leaves, and what the owner is told, when it sends three frames 10 ms apart."""
+    """Send three frames 10 ms apart; return the transmitted frames and the events of the owner."""
     clock = VirtualClock()
     protocol = load_protocol("modbus-rtu")
     frames = FrameFaults(protocol, compile_protocol(protocol), Scope(protocol, role="server"), answers=True)
@@ -132,5 +132,5 @@ def test_several_held_back_go_out_together(times: int) -> None:
 def test_a_ninth_bit_goes_with_its_byte(
     marked: int, rules: tuple[FaultRule, ...], written: list[bytes], marks: list[tuple[int, int]]
 ) -> None:
-    """The first byte of a frame, or its last one; of a frame that is held back nothing is marked."""
+    """Marked is the first or the last byte of a frame; a frame that is held back has no marked byte."""
     assert marks_of(marked, *rules) == (written, marks)

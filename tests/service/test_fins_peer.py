@@ -1,4 +1,4 @@
-"""fins, a client written by others, at a simulated controller on real TCP. Skipped only where it is not installed."""
+"""fins, an independent client, with a simulated controller on real TCP. Skipped only if it is not installed."""
 
 from __future__ import annotations
 

@@ -106,7 +106,7 @@ def test_a_fraction_from_a_service_is_stored_as_a_float_in_two_words(
 
 
 def test_where_a_fraction_cannot_be_stored_nothing_is(folder: Path) -> None:
-    """A word that was meant for a whole number: told when it comes, and before that where it is known."""
+    """A word for a whole number: the error is reported when the value arrives, or by `check` if it is known before."""
     path = run_of(folder, "{call: get, into: {twice: M100, t: M101}, every: 1 s}")
     what = "'twice' may have a fraction, and M100 is a word"
     assert words_after(path, 100, 3) == (

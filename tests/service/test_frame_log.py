@@ -1,4 +1,4 @@
-"""What a frame monitor keeps: results, filters, fields with their places, and how much of it."""
+"""The log of a frame monitor: results, filters, fields with their offsets, and the size limit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""RECEIVE blocks beside exchanges on one line: no frame that comes by itself is lost, and none keeps exchanges back."""
+"""RECEIVE blocks and exchanges on one line: no unsolicited frame is lost, and none delays the exchanges."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ blocks:
 
 
 def frames_of(folder: Path, late: str, pause: int, every: int, more: str) -> tuple[list[str], list[int], list[str]]:
-    """What 10 s of such a run show: the frames that came, done and failed of both blocks, and what went wrong."""
+    """Run for 10 s; return the received frames, the done and failed counts of both blocks, and the errors."""
     (folder / "news.yaml").write_text(PROTOCOL.replace("LATE", late) + more, "utf-8")
     (folder / "talker.device.yaml").write_text(DEVICE.replace("PAUSE", f"{pause} ms"), "utf-8")
     (folder / "news.run.yaml").write_text(RUN.replace("EVERY", f"{every} ms"), "utf-8")

@@ -22,7 +22,7 @@ SECOND = 1_000_000_000
 DAY = 24 * 3600
 TIMES = [1800, pytest.param(3 * 3600, marks=pytest.mark.long)]
 SETTLE = SECOND // 2
-"""After the last start of the day: time for what is under way then to end."""
+"""Time after the last start of the day for running exchanges to end."""
 
 
 class Day:
@@ -55,7 +55,7 @@ class Day:
         return words(self.service.memory, "F", "L", "N")
 
     def check_status_words(self) -> None:
-        """Area L has the counts of all blocks and nothing else: no pulse is under way, nothing has failed."""
+        """Assert that area L contains only the counts of all blocks: no pulse is active, no block has failed."""
         memory = self.service.memory
         expected: dict[str, int] = {}
         for number, (_, done, failed, _) in self.counts().items():

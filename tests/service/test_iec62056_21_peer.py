@@ -1,6 +1,6 @@
-"""iec62056-21, a reader written by others, at a simulated meter on a real socket, as behind a converter.
+"""iec62056-21, an independent reader, with a simulated meter on a real socket, like a meter with a converter.
 
-Skipped only where it is not installed.
+Skipped only if it is not installed.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Sixteen jobs over one connection to our own server, which is killed and comes back: bits, words, what resumes.
+"""Sixteen jobs over one connection to our server, which is killed and restarted: bits, words, resumed jobs.
 
-On a busy machine a period of 10 ms may be over before an answer comes: then 0290H is told, as it should be.
+On a busy machine a period of 10 ms may end before a reply arrives; 0290H is reported then, as specified.
 """
 
 from __future__ import annotations
@@ -152,7 +152,7 @@ def test_sixteen_jobs_and_a_server_that_is_killed(tmp_path: Path) -> None:
 
 
 async def nobody_there(folder: Path) -> None:
-    """A port that nobody listens on, and a name that nobody knows."""
+    """Test a port without a listener, and an unknown host name."""
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         path = folder / "nobody.run.yaml"

@@ -28,7 +28,7 @@ class Bench:
         self.service.start()
 
     def requests(self) -> list[str]:
-        """What was asked: start and count of every read."""
+        """Return start and count of every requested read."""
         found = []
         for seen in self.seen:
             if seen.direction == "out" and seen.kind == "frame":

@@ -25,7 +25,7 @@ _codes: dict[frozenset[str], CodeType] = {}
 
 @pytest.fixture(autouse=True)
 def compiled_once(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """All PLCs here have the same frames: these are compiled once, not once a device and test; and nothing is kept."""
+    """Compile the frames of all PLCs once, since they are equal, instead of once per device and test; use no cache."""
     compiled = codec.code_of
 
     def code_of(protocol: Protocol) -> CodeType:
@@ -121,7 +121,7 @@ def test_the_connection_is_made_once(folder: Path) -> None:
 
 
 def test_an_error_repeats_its_own_step(folder: Path) -> None:
-    """Lesson 7: success leads to the next step, an error to the same one."""
+    """Lesson 7: after a success comes the next step, after an error the same step again."""
     fault = "faults: {rules: [{fault: error_reply, code: 0x05F9, from: 2500 ms, times: 3}]}\n"
     with (folder / "plc-2.device.yaml").open("a", encoding="utf-8") as file:
         file.write(fault)
@@ -136,7 +136,7 @@ QUEUE_FULL = "faults: {rules: [{fault: error_reply, code: 0x0700, from: 2500 ms,
 
 
 def test_a_full_queue_is_asked_again_after_a_pause(folder: Path) -> None:
-    """The connection repeats the request 10 ms later or more; the job hears nothing of it (spec 1.8.1)."""
+    """The connection repeats the request after 10 ms or later; the job does not notice (spec 1.8.1)."""
     with (folder / "plc-2.device.yaml").open("a", encoding="utf-8") as file:
         file.write(QUEUE_FULL)
     at_work = Sample(folder / "lanrdwt.run.yaml")

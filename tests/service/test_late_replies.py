@@ -183,7 +183,7 @@ def test_no_reply_of_a_slow_device_is_stored_for_another_request(
 
 
 def check_all_late(world: LateWorld, name: str, times: float, which: str, retries: int, *more: bool) -> None:
-    """A reply to a repeated request is a reply to that request."""
+    """Assert that a reply to a repeated request counts as a reply to that request."""
     if which == "all":
         assert set(world.outcomes) == {"ok" if times < 1 + retries else "no_reply"}, (name, times, retries)
 

@@ -1,4 +1,4 @@
-"""The loop-back test: a good loop, and what is said of each kind of bad one."""
+"""The loop-back test: a good loop, and the report for each kind of bad loop."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""pyMeterBus, a master written by others, at a simulated meter on a real terminal.
+"""pyMeterBus, an independent master, with a simulated meter on a real terminal.
 
-Skipped only where it is not installed.
+Skipped only if it is not installed.
 """
 
 from __future__ import annotations

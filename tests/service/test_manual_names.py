@@ -1,4 +1,4 @@
-"""The manuals' names beside numbers in results, decoded frames and status words; codes as the manuals print them."""
+"""Names of the manuals next to numbers in results, decoded frames and status words; codes in the manuals' notation."""
 
 from __future__ import annotations
 

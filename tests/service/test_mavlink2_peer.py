@@ -1,6 +1,6 @@
-"""pymavlink, written by others: every message of the file both ways, drawn at random, and heartbeats over UDP.
+"""pymavlink, an independent implementation: every message both ways with random values, heartbeats over UDP.
 
-Skipped only where it is not installed.
+Skipped only if it is not installed.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def values_of(random: Random, message: Any) -> dict[str, Any]:
 
 
 def ours(message: Any, values: dict[str, Any]) -> dict[str, Any]:
-    """The same values as framekit has them: texts with the zeros behind them."""
+    """Return the values as framekit decodes them: texts are padded with zeros."""
     found = {}
     for name, value in values.items():
         size = message.array_lengths[message.ordered_fieldnames.index(name)]

@@ -1,6 +1,6 @@
-"""pymcprotocol, a client written by others, at simulated controllers: 3E and 4E frames, binary and ASCII, on real TCP.
+"""pymcprotocol, an independent client, with simulated controllers: 3E and 4E frames, binary and ASCII, on real TCP.
 
-Skipped only where it is not installed.
+Skipped only if it is not installed.
 """
 
 from __future__ import annotations

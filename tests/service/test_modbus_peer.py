@@ -36,7 +36,7 @@ blocks:
 
 
 class Peer:
-    """A pymodbus device that knows some values and remembers what is written to it."""
+    """A pymodbus device with some values; it records writes."""
 
     def __init__(self) -> None:
         self.written: list[tuple[int, int, list[Any]]] = []

@@ -1,4 +1,4 @@
-"""Our server under foreign masters: pymodbus, minimalmodbus and, where it is installed, mbpoll; TCP and terminals."""
+"""Our server with other masters: pymodbus, minimalmodbus and, if it is installed, mbpoll; TCP and terminals."""
 
 from __future__ import annotations
 

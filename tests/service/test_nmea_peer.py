@@ -1,6 +1,6 @@
-"""pynmea2, written by others, reads what a simulated receiver says on a real terminal, and writes what is read.
+"""pynmea2, an independent implementation, reads a simulated receiver on a real terminal, and writes sentences to read.
 
-Skipped only where it is not installed.
+Skipped only if it is not installed.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""omniplc, a client written by others, at simulated controllers: 1C frames of MELSEC on a terminal, MEWTOCOL on TCP.
+"""omniplc, an independent client, with simulated controllers: 1C frames of MELSEC on a terminal, MEWTOCOL on TCP.
 
-Skipped only where it is not installed.
+Skipped only if it is not installed.
 """
 
 from __future__ import annotations

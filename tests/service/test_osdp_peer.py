@@ -1,7 +1,6 @@
-"""The control panel of the Python package `osdp`, written by others, at a simulated reader on a real terminal.
+"""The control panel of the independent package `osdp`, with a simulated reader on a real terminal.
 
-In clear and in a secure channel. Skipped only where it is not installed. What is at fault in it is said in
-docs/protocols/osdp.md.
+Unencrypted and in a secure channel. Skipped only if it is not installed. docs/protocols/osdp.md lists its bugs.
 """
 
 from __future__ import annotations
@@ -54,7 +53,7 @@ class Panel:
                 return bytes(found.extract_reply_data)
 
     def asked(self, command: Any) -> Any:
-        """What a command is answered with."""
+        """Return the reply to a command."""
         return self.panel.send_command(self.bus, command(STATION))
 
 

@@ -1,4 +1,4 @@
-"""Polls: values of every reply, times, what goes wrong and what others do meanwhile, on the virtual clock."""
+"""Polls: values of every reply, times, errors, and the exchanges of other callers meanwhile, on the virtual clock."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_every_reply_has_what_the_device_held(link: Link, watched: bool) -> None
         held.append(tuple(values))
 
     class Changing(Told):
-        """Changes what the device holds with every reply, so that the next one has to be another."""
+        """Change the device's values with every reply, so the next reply must differ."""
 
         def numbers(self, values: tuple[int, ...]) -> None:
             super().numbers(values)
@@ -281,11 +281,11 @@ def test_a_reply_that_comes_late_is_not_that_of_the_next_request() -> None:
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("protocol", ["modbus-tcp", "modbus-rtu", "modbus-ascii"])
 def test_whatever_comes_no_value_is_told_that_the_device_has_not_held(protocol: str, seed: int, watched: bool) -> None:
-    """Pieces, doubles, noise and damage at random. On TCP, where nothing guards against it, data are not damaged.
+    """Pieces, duplicates, noise and damage at random. On TCP, which has no check code, data are not damaged.
 
-    Without numbers in the frames a reply after a failure is confirmed by an equal reply. Here the values change with
-    each reply, so few are confirmed. After the faults the values stay; 21 time-outs later at most, each request brings
-    them again.
+    In frames without numbers, a reply after a failure is confirmed by an equal reply. The values change with each reply
+    here, so few replies are confirmed. After the faults the values are constant; at most 21 time-outs later, each
+    request returns them again.
     """
     world = ByHand(protocol, at_once=seed % 2 == 0, watched=watched)
     chance = random.Random(seed)
@@ -333,7 +333,7 @@ def test_whatever_comes_no_value_is_told_that_the_device_has_not_held(protocol: 
 
 
 def _is_over(world: ByHand, polling: Polling, told: Told) -> None:
-    """Nothing is told or asked any more, and others are served."""
+    """Assert that the poll reports and requests no more, and that other callers are served."""
     values, failures = list(told.values), list(told.failures)
     world.clock.run_for(5 * SECOND)
     asked = len(world.port.written)

@@ -25,7 +25,7 @@ EVENTS = [
 
 
 class Hearing:
-    """The other end: what it hears, and when the first bit of it was on the line (ms since the replay began)."""
+    """The other end of the line: records bytes with the time of their first bit (ms since the start of the replay)."""
 
     def __init__(self) -> None:
         self.heard: list[tuple[float, bytes]] = []

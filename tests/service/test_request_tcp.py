@@ -47,7 +47,7 @@ def connect(device: Any, **params: str) -> Any:
 
 
 def raw_header(port: str, data: bytes) -> bytes:
-    """What the server answers to bytes that no client of ours would send."""
+    """Return the server's reply to bytes that our client would never send."""
     host, number = port.removeprefix("tcp://").split(":")
     with socket.create_connection((host, int(number)), timeout=180) as connection:
         connection.sendall(data)

@@ -1,4 +1,4 @@
-"""Whole runs on the virtual clock: what goes over the line, what lands in memory, and counters that add up."""
+"""Whole runs on the virtual clock: frames on the line, values in memory, and consistent counters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs that are disturbed: watchers that fail, channels switched on twice, edits of what somebody has switched."""
+"""Disturbed runs: failing watchers, channels switched on twice, edits of blocks that a user has switched."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def test_an_edit_may_begin_to_join_reads(tmp_path: Path) -> None:
 
 
 def test_a_read_whose_memory_names_no_station_is_not_joined(tmp_path: Path) -> None:
-    """M9 holds 300, which is no station: the block fails by itself, its place keeps what it had."""
+    """M9 holds 300, which is not a station: only that block fails, and its place keeps the old value."""
     clock = VirtualClock()
     text = TWO.replace("into: M1", "into: M1, station: M9")
     service = RunService(load(tmp_path, text, ", merge: yes"), clock)  # type: ignore[arg-type]

@@ -189,7 +189,7 @@ def test_a_channel_answers_several_clients_over_tcp(tmp_path: Path) -> None:
 
 
 class Sender(asyncio.DatagramProtocol):
-    """One sender of datagrams, and what it gets."""
+    """A sender of datagrams that records the replies."""
 
     def __init__(self) -> None:
         self.got: asyncio.Queue[bytes] = asyncio.Queue()

@@ -1,6 +1,6 @@
-"""PyVISA with pyvisa-py, a controller written by others, at a simulated power supply on a real socket.
+"""PyVISA with pyvisa-py, an independent controller, with a simulated power supply on a real socket.
 
-Skipped only where it is not installed.
+Skipped only if it is not installed.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""What vectors say of a second source is done: each program writes, or reads, the bytes that stand beside its name.
+"""Second sources named by vectors: each named program writes or reads the bytes of the vector.
 
-A vector that names a program has its case here, and the other way round. A program that is not installed is skipped.
+Every vector that names a program has a case here, and vice versa. A program that is not installed is skipped.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from shipped import file_of
 from framekit.definition.vectors import parse_wire
 
 Made = dict[str, bytes]
-"""Bytes by the name of the vector, or of its frame where it has none."""
+"""Bytes by name of the vector, or of its frame if it has no name."""
 
 
 class Port:
-    """A port that keeps what is written and brings what it is given."""
+    """A port that records writes and returns the given bytes."""
 
     def __init__(self, incoming: bytes = b"") -> None:
         self.written, self.incoming = b"", incoming

@@ -196,7 +196,7 @@ def test_limits_that_let_nobody_in_are_refused(limits: dict[str, int]) -> None:
 
 
 class Asker(asyncio.DatagramProtocol):
-    """One sender of datagrams, and what it gets."""
+    """A sender of datagrams that records the replies."""
 
     transport: asyncio.DatagramTransport
 
@@ -339,7 +339,7 @@ def test_units_behind_one_address() -> None:
 
 
 def test_device_variables_belong_to_the_device_not_to_the_connection() -> None:
-    """A monitor that one connection has registered is run by another one."""
+    """A monitor registered by one connection is executed by another."""
 
     async def exchange(number: int, request: bytes, size: int) -> bytes:
         reader, writer = await asyncio.open_connection("127.0.0.1", number)

@@ -1,6 +1,6 @@
-"""sensirion-shdlc-driver, a master written by others, at a simulated device on a real terminal.
+"""sensirion-shdlc-driver, an independent master, with a simulated device on a real terminal.
 
-Skipped only where it is not installed.
+Skipped only if it is not installed.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What exchanges cost, simulated, against sums by hand and against what the same run really does."""
+"""Simulated durations of exchanges, compared with sums by hand and with the durations of the same run."""
 
 from __future__ import annotations
 

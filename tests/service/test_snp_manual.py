@@ -1,4 +1,4 @@
-"""What a simulated SNP slave refuses and keeps, as GFK-0529C says it: datagrams, identity, tasks, blocks, families."""
+"""A simulated SNP slave by GFK-0529C: refusals and stored data of datagrams, identity, tasks, blocks, families."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ blocks:
 
 
 class Written(Port):
-    """A port that notes what is written. `at_once`: it says so when it has left."""
+    """A port that records writes. `at_once`: it reports them as transmitted at once."""
 
     def __init__(self, inner: Port, clock: VirtualClock, at_once: bool) -> None:
         self.inner, self.clock, self.at_once = inner, clock, at_once
@@ -74,11 +74,11 @@ class _SaysNothing:
         self.line_break, self.control = events.line_break, events.control
 
     def sent(self, now: int) -> None:
-        """Somebody knows already."""
+        """Ignore the event; the write has already reported it."""
 
 
 class Bench:
-    """A run with scales, and what is written on its first channel."""
+    """A run with scales, and the frames written on its first channel."""
 
     def __init__(self, folder: Path, *, at_once: bool = False, run: str = RUN) -> None:
         for name in ("scale.yaml", "scale.device.yaml"):

@@ -1,4 +1,4 @@
-"""Runs that keep their state: what a restart finds, what a kill leaves, and what is refused."""
+"""Runs that save their state: restart, kill, and refused state files."""
 
 from __future__ import annotations
 

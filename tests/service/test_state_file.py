@@ -1,4 +1,4 @@
-"""The file that keeps a run's state: what comes back, what is refused and left alone, and what a kill leaves."""
+"""The state file of a run: restored values, refused files that are left unchanged, and the file after a kill."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ FIELDS = {
         "from_network": "omron.sna", "from_node": "omron.sa1", "from_unit": "omron.sa2", "sid": "omron.sid",
     },
 }  # fmt: skip
-"""Fields of framekit's, and what they are called in tshark."""
+"""Names of fields: framekit → tshark."""
 FAULTS = ("mstp.checksum.status", "dnp3.hdr.CRC.incorrect", "dnp3.data_chunk.CRC.incorrect")
 FIRST_DAMAGED = {"bacnet-mstp": 7, "dnp3-link": 10}
 """Bytes from here on are damaged: with a wrong size, or another header of DNP3 on TCP, tshark reads something else."""
@@ -43,7 +43,7 @@ PORTS = {"dnp3-link": 20000, "fins-tcp": 9600}
 
 
 class Sent(NamedTuple):
-    """A frame in the capture; `values` are what framekit reads, None where it is damaged."""
+    """A frame in the capture; `values` are the values that framekit decodes, or None if it is damaged."""
 
     protocol: str
     data: bytes
@@ -113,7 +113,7 @@ def read(codec: Any, frame: str, data: bytes) -> dict[str, Any]:
 
 
 def packet(protocol: str, data: bytes, number: int) -> bytes:
-    """What stands in the capture for a frame: itself, or the TCP segment that carries it."""
+    """Return the frame as it is captured: the frame itself, or the TCP packet that carries it."""
     if protocol not in PORTS:
         return data
     tcp = pack(">HHIIBBHHH", 40000 + number, PORTS[protocol], 1, 1, 5 << 4, 0x18, 8192, 0, 0)
@@ -171,7 +171,7 @@ def test_both_read_the_same_values(protocol: str, seen: list[tuple[Sent, dict[st
 
 
 def is_bad(found: dict[str, str]) -> bool:
-    """Whether tshark says that a check code is wrong; it says nothing of codes that it did not compare."""
+    """Return whether tshark reports a wrong check code; it reports only codes that it has compared."""
     return "0" in found.get("mstp.checksum.status", "").split(",") or any(name in found for name in FAULTS[1:])
 
 

@@ -1,6 +1,6 @@
-"""pyubx2, written by others, at a simulated receiver on a real terminal, and message by message.
+"""pyubx2, an independent implementation, with a simulated receiver on a real terminal, and message by message.
 
-Skipped only where it is not installed.
+Skipped only if it is not installed.
 """
 
 from __future__ import annotations

@@ -40,11 +40,11 @@ LATER = 900 * MS
 """After less time than this clients usually ask again."""
 
 WHOLE = {"ccm-peer": {b"\x05"}}
-"""Stray bytes that are a request: what follows it is answered as the protocol says, the next one as if alone."""
+"""Stray bytes that form a request: bytes after them are answered by the protocol's rules, the next request as usual."""
 
 
 class World(FaultWorld):
-    """Notes what the client sends."""
+    """A fault world that records the client's transmissions."""
 
     def __init__(self, link: Link) -> None:
         self.sent: list[bytes] = []
@@ -82,7 +82,7 @@ class World(FaultWorld):
         return sorted({*every[first::6], *self.some_strays()})
 
     def some_strays(self) -> list[bytes]:
-        """Bytes that frames begin or end with and some others, and what the first bytes of a frame break off to."""
+        """Return single bytes (starts and ends of frames, and others), and incomplete beginnings of frames."""
         ends = {byte for data in self.sent for byte in (*data[:2], data[-1])}
         pieces = {data[:size] for data in self.sent for size in (2, 3, 5, 8, len(data) // 2, len(data) - 1)}
         pieces = {piece for piece in pieces if len(piece) > 1} - {*self.sent}
@@ -153,7 +153,7 @@ def test_no_stray_piece_at_all_costs_more_than_a_session(link: Link) -> None:
 
 
 def check_sessions(world: World, strays: list[bytes]) -> None:
-    """On a stream the unfinished frame ends after 10 s: nothing is lost there, so the network may be slow."""
+    """Assert that a stream recovers from strays: an unfinished frame ends after 10 s, since the network may be slow."""
     wait = 11 * SECOND if world.link.format is None else SECOND
     for pause in (0, max(LATER, wait)):
         for data in strays:

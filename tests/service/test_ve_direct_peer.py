@@ -1,6 +1,6 @@
-"""vedirect, written by others, reads the text blocks of a simulated charger on a real terminal.
+"""vedirect, an independent implementation, reads the text blocks of a simulated charger on a real terminal.
 
-Skipped only where it is not installed.
+Skipped only if it is not installed.
 """
 
 from __future__ import annotations

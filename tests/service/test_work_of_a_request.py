@@ -1,4 +1,4 @@
-"""What one request costs a server, counted in calls of Python functions, and what it leaves to the collector."""
+"""The work of one request in a server, counted in calls of Python functions, and the garbage it leaves."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ READ = bytes.fromhex("0001 0000 0006 01 03 0000 000A")
 
 
 class AtOnce(Port):
-    """A port that keeps what is sent; all of it leaves at once."""
+    """A port that records writes and transmits them at once."""
 
     name = "at once"
     settings = None
