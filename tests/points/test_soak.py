@@ -1,7 +1,7 @@
 """Soak test: 8 channels with every kind of sink on real ports, while broker and database are killed.
 
 `python tests/points/test_soak.py --minutes 30` runs that long and prints figures. Each point counts in its device.
-Every value that the run reported must be in the history of each sink, in order, and only once if the sink can ensure it.
+Every reported value must be in the history of each sink, in order, and only once if the sink can ensure that.
 """
 
 from __future__ import annotations
