@@ -1,4 +1,4 @@
-"""Peers for the tests of the API: a device file, a pymodbus server in a thread of its own, a server that is slow."""
+"""Peers for the tests of the API: a device file, a pymodbus server in its own thread, a slow server."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def device_file(folder: Path, protocol: str = "modbus-rtu", values: str = WORDS)
 
 @contextmanager
 def pymodbus_server() -> Iterator[str]:
-    """A pymodbus server, device 1, whose register n holds 1000 + n; the port at which it is reached."""
+    """Run a pymodbus server, device 1, whose register n holds 1000 + n; yield its port."""
     registers = SimData(0, values=[1000 + number for number in range(200)], datatype=DataType.REGISTERS)
     bits = SimData(0, values=[bool(number % 3) for number in range(64)], datatype=DataType.BITS)
     device = SimDevice(id=1, simdata=([bits], [bits], [registers], [registers]))

@@ -1,4 +1,4 @@
-"""Check methods by their parameters, for tests."""
+"""Create check methods from parameters, for tests."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from framekit.definition.model.checks import CheckMethod, ready_methods
 
 
 def from_ready(ready: str, /, **overrides: Any) -> CheckMethod:
-    """The method named `ready` with other parameters. Raises KeyError, or ValueError where they do not fit together."""
+    """Return the method named `ready` with other parameters. Raises KeyError, or ValueError for contradictions."""
     return _sound(replace(ready_methods()[ready], **overrides))
 
 
 def from_crc(name: str, *, init: int, **parameters: Any) -> CheckMethod:
-    """A CRC from its catalogue parameters. Raises ValueError where they do not fit together."""
+    """Return a CRC with these catalogue parameters. Raises ValueError for contradictions."""
     return _sound(CheckMethod(name=name, kind="crc", initial=init, **parameters))
 
 

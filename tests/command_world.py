@@ -1,4 +1,4 @@
-"""A run with one command block at R1 of its own memory, fired by hand, against simulated devices on virtual time."""
+"""A run with one command block at R1 of its own memory, started by hand, with simulated devices on virtual time."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _LOADED: dict[tuple[str, str, str], tuple[RunModel, tuple[Device, ...]]] = {}
 
 
 def loaded(folder: Path, protocol: str, device: str, settings: str) -> tuple[RunModel, tuple[Device, ...]]:
-    """The run and its device; definitions of one content are read once."""
+    """Return the run and its devices; equal definitions are loaded once."""
     key = (protocol, device, settings)
     if key not in _LOADED:
         (folder / "there.device.yaml").write_text(f"device: there\nprotocol: {protocol}\n{device}", encoding="utf-8")
@@ -41,7 +41,7 @@ def loaded(folder: Path, protocol: str, device: str, settings: str) -> tuple[Run
 
 
 class CommandWorld:
-    """The own memory, the device on the other side, and commands carried out one after the other."""
+    """The own memory, the device's memory, and execution of commands one after the other."""
 
     def __init__(
         self, folder: Path, protocol: str, device: str, settings: str = "", monitor: RunMonitor | None = None
@@ -58,25 +58,25 @@ class CommandWorld:
         return self.service.devices[0]
 
     def own(self, area: str, number: int, count: int = 1) -> list[int]:
-        """Elements of the own memory, counted from 1."""
+        """Return elements of the own memory, counted from 1."""
         return self.service.memory.read(area, self.service.memory.area(area).unit, number - 1, count)
 
     def put(self, area: str, number: int, *values: int) -> None:
         self.service.memory.write(area, self.service.memory.area(area).unit, number - 1, values)
 
     def at(self, area: str, number: int, count: int = 1) -> list[int]:
-        """Elements of the device's memory, counted from 1."""
+        """Return elements of the device's memory, counted from 1."""
         return self.there.memory.read(area, self.there.memory.area(area).unit, number - 1, count)
 
     def fire(self, words: list[int], *, wait: int = 0, longest: int = 0, length: int | None = None) -> None:
-        """Puts a block with these words from the command on at R1 and starts it."""
+        """Write a command block with these command words to R1 and start it."""
         self.put("R", STATUS, 0)
         head = [len(words) if length is None else length, wait, 8, STATUS - 1, 0, longest]
         self.put("R", 1, *head, *(word & 0xFFFF for word in words))
         self.service.fire(0)
 
     def do(self, *words: int, wait: int = 0, longest: int = 0, length: int | None = None) -> int:
-        """Carries a command out to its end; the status word. 0 when none was written."""
+        """Execute a command to its end; return the status word, 0 if none was written."""
         self.fire(list(words), wait=wait, longest=longest, length=length)
         for _ in range(120):
             self.clock.run_for(SECOND // 2)
@@ -90,6 +90,6 @@ class CommandWorld:
 
 
 def text_words(text: str, size: int = 8) -> list[int]:
-    """A text as words, the first character in the low byte."""
+    """Return a text as words, the first character in the low byte."""
     data = text.encode("ascii").ljust(size, b"\0")
     return [int.from_bytes(data[at : at + 2], "little") for at in range(0, size, 2)]

@@ -26,11 +26,11 @@ gc.set_threshold(
 )  # thousands of tests keep much; looking through it over and over costs a fifth of the time
 
 codec.MOST_KEPT = library.MOST_KEPT = 512
-"""Hundreds of small definitions come between two tests of a shipped one, which takes seconds to compile."""
+"""Hundreds of small definitions are used between two tests of a shipped definition, which takes seconds to compile."""
 
 
 class ShippedKeeper(DefinitionCache):
-    """Keeps the shipped definitions from one process of the tests to the next, in the user's cache folder."""
+    """Cache the shipped definitions in the user's cache folder, also for the next test process."""
 
     def loaded(self, path: Path) -> tuple[Protocol, Sources] | None:
         return super().loaded(path) if FRAMES in path.parents else None
@@ -50,7 +50,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
-    """Of `-n auto`: one more than there are processors, since many tests wait for programs that they have started."""
+    """Return the number of workers for `-n auto`: one more than processors, since many tests wait for programs."""
     return (os.cpu_count() or 1) + 1
 
 
@@ -68,7 +68,7 @@ def small_heap(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 os.environ.setdefault(LOOP_VARIABLE, "asyncio")
-"""Most tests run in the loop that every installation has; `FRAMEKIT_LOOP=uvloop make test` runs them in the other."""
+"""Most tests run in asyncio's loop, which is always installed; `FRAMEKIT_LOOP=uvloop make test` uses the other."""
 
 
 @pytest.fixture(scope="module", params=["asyncio", "uvloop"])
@@ -82,7 +82,7 @@ def each_loop(request: pytest.FixtureRequest) -> Iterator[str]:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The long ones first, the longest before all: one at the very end would leave other processors without work."""
+    """Sort the tests by duration, the longest first; a long test at the end would leave the other processors idle."""
     items.sort(key=minutes_of, reverse=True)
 
 

@@ -28,12 +28,12 @@ PYTHONS_WORDS = re.compile(
     r" big to convert|out of range|has no attribute|invalid literal|required argument|subscriptable|modulo by zero"
     r"|not iterable|can't concat|a bytes-like|unpack|negative shift|must be str|Container|Traceback"
 )
-"""What Python says of its own accord."""
+"""Phrases of Python's own exceptions, which no message may contain."""
 MOST_REPAIRS = 12
 
 
 class Trial:
-    """A definition compiled both ways, with everything that is asked of it. Raises DefinitionError if it is refused."""
+    """A definition compiled by both compilers, with all checks on it. Raises DefinitionError if it is refused."""
 
     def __init__(self, text: str, values: dict[str, Any], seed: int | str = 0) -> None:
         self.protocol: Protocol = load_protocol_text(text, "drawn")
@@ -44,7 +44,7 @@ class Trial:
         self.goes_round = False
 
     def run(self) -> bytes | None:
-        """Everything; gives the bytes, or None if no values were found that fit."""
+        """Run all checks; return the bytes, or None if no fitting values were found."""
         data = self.built()
         if data is None:
             return None
@@ -68,7 +68,7 @@ class Trial:
     # ---- building -----------------------------------------------------------------------------------------
 
     def built(self) -> bytes | None:
-        """The bytes of the values, or of others that come near them; both compilers say the same."""
+        """Return the bytes of the values or of repaired values, or None; assert that both compilers agree."""
         for _ in range(MOST_REPAIRS):
             first, second = self.build(self.codec), self.build(self.reference)
             if isinstance(first, EncodeError) and "which ends it" in str(first):
@@ -98,7 +98,7 @@ class Trial:
         return data
 
     def built_by_keywords(self, data: bytes) -> None:
-        """A builder makes the same; it has no keyword for what `where` fixes."""
+        """Assert that a builder makes the same bytes; constants of `where` are not among its keywords."""
         fixed = {one.name for one in self.protocol.frames["f"].segments if isinstance(one, Field) and one.constants}
         builder = Builders(self.codec, self.codec.defaults).builder("f")
         fixed -= set(signature(builder).parameters)
@@ -113,7 +113,7 @@ class Trial:
             return error
 
     def is_read_as_sent(self, data: bytes) -> bool:
-        """Whether the frames inside are read as those that were sent."""
+        """Return whether the inner frames are decoded as the frames that were encoded."""
         read_, sent = read(self.codec, data), self.values
         names = [one.name for one in parts_of(self.protocol.frames["f"].segments, Inner)]
         return isinstance(read_, dict) and all(_frames(read_, name) == _frames(sent, name) for name in names)
@@ -173,7 +173,7 @@ class Trial:
     # ---- streams and many at once -------------------------------------------------------------------------
 
     def receive(self, data: bytes) -> None:
-        """A receiver finds the same however the stream is cut, and the frame itself where measuring finds its end."""
+        """Assert that a receiver's events do not depend on cuts, and that it finds the frame if `measure` does."""
         stream = data + damaged(data, self.random) + data
         places = sorted(self.random.randrange(len(stream) + 1) for _ in range(3))
         cuts = zip([0, *places], [*places, len(stream)], strict=True)
@@ -200,7 +200,7 @@ class Trial:
 
 
 def _frames(values: Any, name: str) -> list[str]:
-    """The frames that stand inside under a name, wherever."""
+    """Return the names of all inner frames under a name, at any depth."""
     found: list[str] = []
     for one in values if isinstance(values, list) else [values] if isinstance(values, dict) else []:
         for key, value in one.items() if isinstance(one, dict) else ():
@@ -222,7 +222,7 @@ def same(one: Any, other: Any) -> bool:
 
 
 def damaged(data: bytes, random: Random) -> bytes:
-    """The bytes with some changed, left out, or put in."""
+    """Return the bytes with some bytes changed, removed or inserted."""
     changed = bytearray(data)
     for _ in range(random.choice([1, 1, 2])):
         place, way = random.randrange(len(changed) + 1), random.random()
@@ -241,7 +241,7 @@ def damaged(data: bytes, random: Random) -> bytes:
 
 
 def repaired(values: dict[str, Any], error: EncodeError) -> bool:
-    """Changes the value an error complains about, as the message asks; whether something was done."""
+    """Change the value in an error as its message demands; return whether a value was changed."""
     message = str(error)
     if "not part of this frame" in message or "there is no" in message or "is computed as" in message:
         return _change(values, error.field, None)

@@ -31,7 +31,7 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 @pytest.fixture(scope="module")
 def shared(simulated: str) -> Iterator[framekit.Client]:
-    """A client that several tests use one after the other; it names no station by itself."""
+    """Yield a client without a default station, shared by several tests."""
     with framekit.connect("modbus-rtu", simulated, params=QUICK, monitor=SEEN.append) as client:
         yield client
 

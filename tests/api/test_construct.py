@@ -116,7 +116,7 @@ def test_errors_are_those_of_construct_and_of_framekit(weigh: framekit.Protocol)
 
 @pytest.mark.parametrize("name", spread(shipped.PROTOCOLS, 8, 3))
 def test_shipped_frames_parse_and_build_among_other_things(name: str) -> None:
-    """Every sample of every frame: built, and parsed between other bytes; `rest` ends where its region does."""
+    """Build every sample of every frame, and parse it between other data; `rest` ends with its region."""
     protocol = load_protocol(name)
     codec = compile_protocol(protocol)
     sampler = Sampler(codec, sample_context(protocol))

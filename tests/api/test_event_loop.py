@@ -30,7 +30,7 @@ CLIENTS = 50
 
 
 class UvLoop(asyncio.SelectorEventLoop):
-    """Stands in for the loop of uvloop."""
+    """A stand-in for uvloop's event loop."""
 
     made = 0
 

@@ -24,9 +24,9 @@ PATIENT = {"reply_timeout": "20 s"}
 
 
 class Registers:
-    """A Modbus device on TCP whose registers are what `held` gives for every request, and whose replies `change` makes.
+    """A Modbus device on TCP: `held` returns its registers for every request, `change` modifies its replies.
 
-    `change` gets the number of the request and the good reply; None: the connection is closed.
+    `change` gets the number of the request and the good reply; if it returns None, the connection is closed.
     """
 
     def __init__(self) -> None:
@@ -157,7 +157,7 @@ LINES: dict[str, tuple[str, str, str, dict[str, Any]]] = {
     "mldp": ("D100: [100, 200, 300]", "D100", "station: 7", {}),
     "df1": ("N7:0: [100, -200, 300]", "N7:0", "station: 7", {"own": 1, "params": {"node": 1}}),
 }
-"""By protocol: what its device holds, where, which station it is, and what this side has to say of itself."""
+"""By protocol: device memory, address, station, and own parameters of the client."""
 
 
 def _port(folder: Path, protocol: str) -> str:
@@ -450,7 +450,7 @@ services:
 
 
 def test_closing_closes_the_session_although_a_poll_runs(tmp_path: Path) -> None:
-    """Whoever closes the client has not to stop its polls before."""
+    """Closing the client also ends its polls."""
     (tmp_path / "talk.yaml").write_text(READING, encoding="utf-8")
     (tmp_path / "there.device.yaml").write_text(DEVICE, encoding="utf-8")
     sent: list[str] = []

@@ -219,7 +219,7 @@ def test_a_state_is_kept_and_let_go_of(plant: Path) -> None:
 
 @pytest.fixture
 def terminal(tmp_path: Path) -> Iterator[tuple[Path, framekit.Server]]:
-    """The run on a pseudo-terminal with a device at its other end."""
+    """Yield the path of a run on a pseudo-terminal, and the device at its other end."""
     with PtyPair() as pair, framekit.serve(device_file(tmp_path), pair.first) as device:
         path = tmp_path / "plant.run.yaml"
         path.write_text(RUN.format(port=pair.second, timeout="2 s"), encoding="utf-8")
@@ -272,7 +272,7 @@ def test_what_is_called_at_intervals_is_called_on_the_loop_of_the_run(terminal: 
 
 
 def test_callbacks_may_call_the_run(terminal: tuple[Path, framekit.Server]) -> None:
-    """A callback reads, writes and fires; it cannot wait."""
+    """A callback may read, write and fire; it must not wait."""
     refused: list[RuntimeError] = []
 
     def on_end(status: framekit.BlockStatus, ok: bool) -> None:

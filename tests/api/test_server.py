@@ -1,4 +1,4 @@
-"""Simulated devices of the API: on TCP and pseudo-terminals, under our client and pymodbus, their memory meanwhile."""
+"""Simulated devices of the API: on TCP and pseudo-terminals, with our client and pymodbus, and their memory."""
 
 from __future__ import annotations
 
@@ -174,7 +174,7 @@ def test_memory_refuses(memory: framekit.Memory, access: object, message: str) -
 
 @pytest.fixture(scope="module")
 def memory() -> framekit.Memory:
-    """The memory of a device that is not served any more."""
+    """Return the memory of a device that is no longer served."""
     with framekit.serve("modbus-rtu", "pty:") as device:
         return device.memory
 

@@ -1,4 +1,4 @@
-"""What people write as they know it from their devices: stations as text, Series 90 addresses, levels below zero."""
+"""Users' notations for their devices: stations as text, Series 90 addresses, negative levels."""
 
 from __future__ import annotations
 
@@ -45,7 +45,10 @@ def test_ge_rtu_knows_the_addresses_of_the_series_90(tmp_path: Path) -> None:
 
 
 def test_the_highest_level_of_a_password_is_asked_for_with_minus_one(tmp_path: Path) -> None:
-    """SNP specification 12.1: FF (-1) is the highest level that has the password; none is wanted where none is set."""
+    """SNP specification 12.1: FF (-1) selects the highest level with this password.
+
+    Without passwords, none is required.
+    """
     with framekit.connect("snp", device(tmp_path, "snp", "UNIT7", "{}"), station="UNIT7") as client:
         assert client.call("change_level", {"level": -1})["level"] == 4
         with pytest.raises(framekit.RefusedError, match="password invalid"):
@@ -56,7 +59,7 @@ def test_the_highest_level_of_a_password_is_asked_for_with_minus_one(tmp_path: P
 
 @pytest.mark.parametrize("processor", ["plc3", "plc5", "plc5_250"])
 def test_what_is_decoded_of_system_addresses_can_be_encoded(processor: str) -> None:
-    """Every form of the manual's levels: short and long, with levels left out that have a default, and symbols."""
+    """Every form of the manual's levels: short and long, with omitted levels that have a default, and symbols."""
     pccc = framekit.load("df1", params={"processor": processor})
     head = bytes.fromhex("01 02 0F 00 07 00 01 00 00 0A 00")
     tried = 0

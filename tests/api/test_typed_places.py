@@ -1,4 +1,7 @@
-"""What places hold: numbers of a type where the protocol says so; no text in elements that have a form of their own."""
+"""Typed places: numbers of the type that the protocol declares.
+
+Text is refused for elements with a form of their own.
+"""
 
 from __future__ import annotations
 
@@ -122,7 +125,7 @@ def test_what_is_no_value_no_list_and_no_bytes_is_told(tmp_path: Path) -> None:
 
 
 def test_decimal_digits_of_four_bits(tmp_path: Path) -> None:
-    """DF1 specification 4.1 (D25): words of four BCD digits; D files of a processor are such."""
+    """D files have words of four BCD digits (DF1 specification 4.1, D25)."""
     file = tmp_path / "slc.device.yaml"
     file.write_text(
         "device: slc\nprotocol: df1\nrole: full\nstation: 1\nparams: {processor: plc5}\n"

@@ -33,7 +33,7 @@ def meaning(words: list[int]) -> Meaning:
 
 
 def changed(words: list[int], **at: int) -> list[int]:
-    """The words with others in some places, `w17=0`, counted from 1 as in the manual."""
+    """Return the words with replacements, such as `w17=0`; places count from 1 as in the manual."""
     found = list(words)
     for name, value in at.items():
         found[int(name[1:]) - 1] = value

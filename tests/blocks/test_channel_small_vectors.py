@@ -1,4 +1,4 @@
-"""The small vectors of the channels' manual (specification 5.11) that no other test has word for word."""
+"""The small vectors of the channels' manual (specification 5.11) that no other test contains literally."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A device's protocol: that of everybody else while the device has no rules of its own, else one for itself."""
+"""The protocol of a device: shared with all other devices, unless the device has rules of its own."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ blocks:
 
 
 def loads(folder: Path, blocks: str, *durations: int) -> ChannelLoad:
-    """The load of one channel whose exchanges take so many ms and 10 bytes each."""
+    """Return the load of a channel whose exchanges take these durations in ms and 10 bytes each."""
     path = folder / "r.run.yaml"
     path.write_text(HEAD + blocks, encoding="utf-8")
     costs = {(1, number): Cost(duration * MS, 10, 2) for number, duration in enumerate(durations)}

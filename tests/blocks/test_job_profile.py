@@ -1,4 +1,4 @@
-"""Job profiles: the shipped one has every code of the manual, wrong ones give every error with its place."""
+"""Job profiles: the shipped profile has every code of the manual; invalid profiles give every error with its place."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Jobs: repetitions, periods, late transfers, errors, commands; data before words before bits."""
+"""Jobs: repetitions, periods, late transfers, errors, commands; data are written before words, words before bits."""
 
 from __future__ import annotations
 
@@ -287,7 +287,7 @@ def test_what_becomes_of_a_job_whose_transfer_fails(
 
 @pytest.mark.parametrize("major", [0x02, 0x04, 0x05, 0x06, 0x07, 0x11])
 def test_every_code_of_a_server_comes_to_the_status_word_with_its_name(major: int) -> None:
-    """The 43 of a service request, the 32 of an error PDU; privilege levels; those without a minor code."""
+    """The 43 codes of a service request, the 32 of an error PDU, privilege levels, and codes without a minor code."""
     world = JobWorld(takes=MS)
     profile = world.table.profile
     minors = profile.codes[major].minors or {0: None, 4: None}

@@ -23,14 +23,17 @@ MS = 1_000_000
 
 
 def block(number: int, period: int, station: int = 1, **keys: object) -> Block:
-    """Due every `period` ms from the start on."""
+    """Return a block that is due every `period` ms."""
     trigger = Every(period=period * MS, phase=0)
     keys = {"triggers": (trigger,), **keys}
     return Block(number=number, set=1, name="", instruction="read", channel=1, station=station, at=NOWHERE, **keys)  # type: ignore[arg-type]
 
 
 class Bench:
-    """A channel whose exchanges take `duration` ms; `outcomes` says how those with a station end, default: well."""
+    """A channel whose exchanges take `duration` ms.
+
+    `outcomes` maps stations to the end of their exchanges (default: done).
+    """
 
     def __init__(self, *blocks: Block, duration: int = 10, **rules: object) -> None:
         self.memory = DeviceMemory([Area("M", size=16)])
@@ -160,7 +163,7 @@ def test_a_station_alone_on_its_channel_is_not_suspected() -> None:
 
 
 def test_a_suspected_station_has_its_turn_on_a_line_without_a_pause() -> None:
-    """Others that are always due keep it waiting for a period, not for ever."""
+    """Blocks that are always due delay the station by a period at most."""
     bench = Bench(always(0), block(1, 100, station=2), duration=30, dead=DeadRule(failures=4, after=0))
     bench.outcomes[2] = "no_reply"
     bench.run_until(5_000)
@@ -208,7 +211,7 @@ def test_a_single_station_may_have_its_own_rule() -> None:
 
 
 def test_a_probe_keeps_the_silence_before_another_station() -> None:
-    """Station 2 is dead; whenever the station changes, 5 ms of silence lie between two exchanges."""
+    """Station 2 is dead; 5 ms of silence separate exchanges with different stations."""
     bench = Bench(
         block(0, 20, station=1), block(1, 20, station=2), duration=10,
         silence=Silence(station=5 * MS), dead=DeadRule(failures=1, after=0, every=100 * MS),
@@ -234,7 +237,7 @@ def test_probes_of_many_dead_stations_leave_every_other_turn_to_the_living() -> 
 
 
 def test_a_block_that_is_redirected_leaves_its_dead_station_at_once() -> None:
-    """Its flag goes as well, and no probe of the dead station is spent on it."""
+    """The block's flag is cleared, and no further probe of the dead station is sent."""
     bench = Bench(block(0, 100, station=2), dead=DeadRule(failures=1, after=0, every=10_000 * MS))
     bench.outcomes[2] = "no_reply"
     bench.run_until(350)
@@ -262,7 +265,7 @@ def test_a_reopened_port_and_a_reset_take_the_flag_of_dead_stations_away() -> No
 
 
 def test_a_slow_station_waits_for_what_came_due_at_others() -> None:
-    """Three blocks of a station that takes 2.5 s: the block of its neighbour has a turn after each of them."""
+    """Three blocks of a station that takes 2.5 s per exchange: another station has a turn after each of them."""
     bench = Bench(*(block(number, 1000, 3) for number in range(3)), block(3, 1000, 1), block(4, 1000, 1))
     bench.durations[3] = 2500 * MS
     bench.run_until(60_000)
@@ -288,7 +291,7 @@ def test_blocks_of_a_station_that_waits_for_late_replies_are_delayed_and_the_oth
 
 @pytest.mark.parametrize(("others_are_free", "first"), [(True, 300), (False, 0)])
 def test_a_delay_ends_at_its_first_limit(others_are_free: bool, first: int) -> None:
-    """The line holds the request back for as long as it still has to. A hold of every station delays no block."""
+    """The request is held back for the rest of its delay. A hold of all stations delays no single block."""
     bench = Bench(block(0, 1000), block(1, 1000, station=2))
     bench.held[2] = 300 * MS, others_are_free
     bench.run_until(200)
@@ -310,7 +313,7 @@ def test_delayed_blocks_are_cleared_and_redirected() -> None:
 
 
 def calls_after_a_slow_exchange(count: int, is_held: bool) -> int:
-    """Calls while all blocks of a station that share a channel with a slow station are parked or delayed at once."""
+    """Return the number of calls while all blocks of a slow station are parked or delayed at once."""
     others = [block(number, 1_000_000, station=2) for number in range(2, count)]
     dead = None if is_held else DeadRule(failures=9, after=1000 * MS)
     bench = Bench(block(0, 1_000_000, station=2), block(1, 10), *others, dead=dead)
@@ -342,7 +345,7 @@ def test_blocks_that_are_parked_or_delayed_beside_a_slow_station_take_work_once(
 
 
 def work_of_blocks_that_come_due_again(count: int) -> int:
-    """Byte codes of one more period, while all blocks of a station are delayed."""
+    """Return the number of byte codes of one more period, while all blocks of a station are delayed."""
     bench = Bench(block(0, 10), *(block(number, 50, station=2) for number in range(1, count)))
     bench.held[2] = 1 << 60, True
     bench.run_until(60)

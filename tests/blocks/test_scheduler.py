@@ -1,4 +1,4 @@
-"""The scheduler by itself: cycles without drift, edges, chains, overruns, one exchange at a time, counters."""
+"""The scheduler alone: cycles without drift, edges, chains, overruns, one exchange at a time, counters."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ def block(number: int, *triggers: Trigger, channel: int = 1, **more: object) -> 
 
 
 def resolve(name: str) -> Address:
-    """`M3` is word 3, `M3b5` bit 5 of it."""
+    """Resolve names: `M3` is word 3, `M3b5` is its bit 5."""
     word, _, bit = name[1:].partition("b")
     return Address("M", "bit", int(word) * 16 + int(bit), name) if bit else Address("M", "word", int(word), name)
 
 
 class Bench:
-    """A scheduler with exchanges that take `duration`, driven by hand."""
+    """A scheduler whose exchanges take `duration`; the test calls it."""
 
     def __init__(self, *blocks: Block, duration: int = 0, pause: int = 0) -> None:
         self.memory = DeviceMemory([Area("M", size=64)])
@@ -222,7 +222,10 @@ def test_exchanges_that_end_well_within_a_millisecond_wait_for_nothing() -> None
 
 
 class AtOnce:
-    """A scheduler whose exchanges end while they are started, but for those that wait; that takes time all the same."""
+    """A scheduler whose exchanges end within their start, except those in `waits`.
+
+    Each start takes time nevertheless.
+    """
 
     TAKES = 20_000
 

@@ -32,7 +32,7 @@ def every(period: int) -> Every:
 
 
 class Bench:
-    """A scheduler on one channel; exchanges take `duration`, those with a station in `silent` five times that."""
+    """A scheduler on one channel; exchanges take `duration`, those with a station in `silent` five times as long."""
 
     def __init__(
         self, *blocks: Block, rules: LaneRules | None = None, duration: int = 10, sets: dict[int, bool] | None = None

@@ -1,4 +1,4 @@
-"""Words of blocks in memory: every completion is one pulse, counters and errors as in the notes, settings count."""
+"""Status words of blocks in memory: every completion is one pulse; counters and errors as specified; settings."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SCAN = 10_000_000
 
 
 class Shown:
-    """The masterlogic words with a watch on the first word of set 1, block 0."""
+    """The masterlogic status words, with a watch on the first word of set 1, block 0."""
 
     def __init__(self) -> None:
         profile = load_profile("masterlogic")
@@ -247,7 +247,7 @@ def test_items_that_no_block_has() -> None:
 
 
 class Late:
-    """The masterlogic words on a time that the test sets; they are written when they are looked at."""
+    """The masterlogic status words with a clock set by the test; they are written when they are read."""
 
     def __init__(self) -> None:
         profile = load_profile("masterlogic")

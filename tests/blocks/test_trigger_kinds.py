@@ -1,4 +1,4 @@
-"""A kind of trigger that is defined here, outside of framekit: `bursts: TIME`, three times in a row, and again."""
+"""A kind of trigger defined outside of framekit: `bursts: TIME` starts three times in a row, in every period."""
 
 from __future__ import annotations
 

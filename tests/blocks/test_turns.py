@@ -1,4 +1,4 @@
-"""The ready queue names the lanes that have something to do, as if every lane were asked."""
+"""The ready queue gives the same lanes as asking every lane for work."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Areas of the own memory whose elements have a type: what blocks store there, and what points show."""
+"""Areas of the own memory with typed elements: values stored by blocks, and values shown by points."""
 
 from __future__ import annotations
 

@@ -10,7 +10,10 @@ import pytest
 
 @pytest.fixture(autouse=True)
 def log_as_before() -> Iterator[None]:
-    """The handlers and the level of framekit's log as they were: another test's standard error is closed by then."""
+    """Restore the handlers and the level of framekit's log.
+
+    A handler may refer to the closed standard error of a test.
+    """
     logger = logging.getLogger("framekit")
     handlers, level = list(logger.handlers), logger.level
     yield

@@ -1,4 +1,4 @@
-"""A run with a simulated device, for verbs that print while they keep a line alive."""
+"""A run with a simulated device, for verbs that print while a line is active."""
 
 from __future__ import annotations
 

@@ -240,7 +240,7 @@ def test_damage_is_told_where_a_frame_takes_everything(capsys: pytest.CaptureFix
 def test_the_nearest_frame_is_one_of_which_all_but_the_check_fits(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    """A wrong check code weighs less than a wrong constant."""
+    """A wrong check code counts less than a wrong constant."""
     file = tmp_path / "near.yaml"
     frames = "one: {body: [{const: 1A}, {data: d, size: 2}, {check: sum8}]}"
     others = "two: {body: [{const: 2B}, {data: d, size: 2}, {check: sum8}]}"
@@ -420,7 +420,7 @@ def test_run_on_virtual_time(capsys: pytest.CaptureFixture[str]) -> None:
 
 @pytest.mark.parametrize("name", [path.name for path in example_runs() if path.parent == EXAMPLES])
 def test_every_example_shows_its_frames_as_json(capsys: pytest.CaptureFixture[str], tmp_path: Path, name: str) -> None:
-    """Frames inside frames as well; what cannot be shown would break the exchange."""
+    """Inner frames are shown, too; a frame that could not be shown would break the exchange."""
     shutil.copytree(EXAMPLES, tmp_path, dirs_exist_ok=True)
     status, out, _ = call(capsys, "run", str(tmp_path / name), "--virtual", "--for", "3s", "--frames", "--json")
     lines = [json.loads(line) for line in out.splitlines()]

@@ -1,4 +1,4 @@
-"""Command blocks that establish jobs, carried out by the verb: against our own server over real TCP."""
+"""Command blocks that establish jobs, executed by the verb with our own server over real TCP."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[framekit.Server
 def transfer(
     number: int, *, slot: int = 5, times: int = 1, every: int = 1, remote: int = 50, count: int = 4
 ) -> list[str]:
-    """A read (2003) or a write (2004) by periods of 10 ms, %R100 on the own side."""
+    """Return the words of a read (2003) or write (2004) job with periods of 10 ms and %R100 as own memory."""
     words = [number, slot, times, 1, every, 0, 8, 100, 8, remote, count, 1, 4, 3, 0, 0, 1]
     return [str(word) for word in words]
 
@@ -80,7 +80,7 @@ def test_commands_follow_each_other_and_abort_what_is_endless(
 def test_an_endless_job_ends_with_its_time_or_when_somebody_stops_it(
     server: framekit.Server, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, interrupted: bool
 ) -> None:
-    """All is well then: its command has been answered, and the transfer that there was is shown."""
+    """Exit status is 0: the command has been answered, and the completed transfer is shown."""
     show = CommandOutput.show
 
     def shown_and_stopped(*given: Any) -> None:

@@ -1,4 +1,4 @@
-"""`framekit run --control`: lines on standard input reach the run, its answers come as warnings."""
+"""`framekit run --control`: lines on standard input are commands of the run, answers are warnings."""
 
 from __future__ import annotations
 

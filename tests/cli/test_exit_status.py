@@ -1,6 +1,6 @@
-"""The table of exit codes in docs/cli.md: every verb stands there, and every code in it is one that the verb ends with.
+"""The table of exit codes in docs/cli.md is complete: every verb is listed, and every listed code occurs.
 
-And with `--json` every one of these errors is an object.
+With `--json`, every one of these errors is a JSON object.
 """
 
 from __future__ import annotations
@@ -100,7 +100,10 @@ CASES: dict[tuple[str, int], list[str]] = {
     ("completion", 1): ["bash"],
     ("completion", 2): ["cmd"],
 }
-"""What ends so. `commreq` with 1 is shown in docs/cli.md, and tested with the verb."""
+"""(verb, exit code): a command that ends with this code.
+
+`commreq` with 1 is tested in docs/cli.md and with the verb.
+"""
 
 WITH_JSON = {
     "encode", "decode", "read", "write", "call", "scan", "commreq", "run", "fleet", "serve", "monitor", "record",
@@ -110,7 +113,7 @@ WITH_JSON = {
 
 
 def table() -> dict[str, dict[int, str]]:
-    """The codes of each verb as the page has them."""
+    """Return the exit codes of each verb in the table of the page."""
     rows = re.findall(r"^\| `(\w+)` \| (.*) \| (.*)\|$", PAGE.read_text("utf-8").partition("## Exit status")[2], re.M)
     return {verb: {code: text for code, text in ((1, one), (3, three)) if text.strip()} for verb, one, three in rows}
 

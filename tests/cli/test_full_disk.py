@@ -23,7 +23,7 @@ pytestmark = pytest.mark.skipif(not FULL.exists(), reason="needs /dev/full")
 
 @pytest.fixture(params=["buffered", pytest.param("unbuffered", marks=pytest.mark.long)])
 def environment(request: pytest.FixtureRequest) -> dict[str, str]:
-    """Return the environment of a program whose standard output is buffered, or is not."""
+    """Return the environment of a program with buffered or unbuffered standard output."""
     others = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
     return others if request.param == "buffered" else others | {"PYTHONUNBUFFERED": "1"}
 

@@ -1,4 +1,4 @@
-"""The help of the command line: groups of verbs, examples that work, and hints at words of other programs."""
+"""The help of the command line: groups of verbs, working examples, and hints for words of other programs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `framekit run --status` shows of jobs: slots, counted commands, the log; and as JSON."""
+"""The output of `framekit run --status` for jobs: slots, counted commands, the log; also as JSON."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ def call(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str, str
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, framekit.Memory]]:
-    """A pseudo-terminal with our device, station 7, at its other end."""
+    """Yield a pseudo-terminal with our device, station 7, and the memory of the device."""
     with framekit.serve(device_file(tmp_path_factory.mktemp("bench")), "pty:", speed=19200) as device:
         yield device.port, device.memory
 
@@ -253,7 +253,7 @@ def test_a_wrong_command_line(
 
 
 def test_a_station_that_is_too_long(capsys: pytest.CaptureFixture[str]) -> None:
-    """A text of at most 8 characters is wanted, which is filled up, or 8 bytes."""
+    """The station must be a text of at most 8 characters, which is padded, or 8 bytes."""
     words = ("--port", "sim:none.device.yaml", "--station", "UNIT77777", "%R1")
     status, _, err = call(capsys, "read", "snp-x", *words)
     assert status == 2

@@ -1,6 +1,6 @@
-"""The verbs on a system that is not POSIX: no `pty`, `termios`, `resource` or `fcntl`, a loop that knows no signals.
+"""The verbs on a system without POSIX: no `pty`, `termios`, `resource` or `fcntl`, and a loop without signals.
 
-No Windows is at hand: a process of its own hides what Windows has not; the verbs work over real sockets and
+Windows is not available: a process of its own hides the modules that Windows lacks. The verbs use real sockets and
 simulated lines.
 """
 
@@ -62,7 +62,7 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="this hides what
 
 @contextmanager
 def foreign(folder: Path, *words: str) -> Iterator[subprocess.Popen[str]]:
-    """A verb at work there; it is killed at the end."""
+    """Run a verb in a process without POSIX, and kill it at the end."""
     process = subprocess.Popen(
         [sys.executable, "-c", FOREIGN, *words], cwd=folder, text=True, encoding="utf-8",
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
@@ -76,7 +76,7 @@ def foreign(folder: Path, *words: str) -> Iterator[subprocess.Popen[str]]:
 
 
 def line_of(process: subprocess.Popen[str], wanted: str) -> str:
-    """The next line with this in it."""
+    """Return the next line that contains `wanted`."""
     assert process.stdout is not None
     for line in process.stdout:
         if wanted in line:
@@ -126,7 +126,7 @@ def test_a_server_answers_a_run_over_tcp_and_both_end(folder: Path) -> None:
 
 
 def silent_peer() -> tuple[socket.socket, str]:
-    """A place to connect to, and its name."""
+    """Return a listening socket and its port URL."""
     peer = socket.create_server(("127.0.0.1", 0))
     return peer, f"tcp://127.0.0.1:{peer.getsockname()[1]}"
 

@@ -25,7 +25,7 @@ from framekit.transport.pty_port import PtyPair
 from framekit.transport.serial_port import SerialPort
 
 LONGEST = 180
-"""Seconds after which a test is broken off."""
+"""Seconds after which a test is aborted."""
 
 RUN = """run: wired
 memory: masterlogic
@@ -39,7 +39,7 @@ DEVICE = "device: bench\nprotocol: modbus-rtu\nstation: 1\nmemory: {set: {40001:
 
 
 class Wires:
-    """Two pseudo-terminals wired to each other under names that stay when they are pulled and others are put in."""
+    """Two connected pseudo-terminals with fixed names, which remain if the pair is unplugged and replaced."""
 
     def __init__(self, folder: Path) -> None:
         self.near, self.far = folder / "near", folder / "far"
@@ -60,14 +60,14 @@ class Wires:
 
 
 class Process:
-    """`framekit run --json` at work."""
+    """A running `framekit run --json`."""
 
     def __init__(self, process: asyncio.subprocess.Process) -> None:
         self.process = process
         self.lines: list[dict[str, Any]] = []
 
     async def until(self, wanted: Callable[[dict[str, Any]], bool], times: int = 1) -> None:
-        """Reads its lines on to the last one that is wanted so many times."""
+        """Read lines until `times` lines have matched."""
         assert self.process.stdout is not None
         while times:
             text = await self.process.stdout.readline()
@@ -76,14 +76,14 @@ class Process:
             times -= wanted(self.lines[-1])
 
     async def ended(self) -> int:
-        """Reads on to its end; the exit status."""
+        """Read to the end; return the exit status."""
         assert self.process.stdout is not None
         while text := await self.process.stdout.readline():
             self.lines.append(json.loads(text))
         return await self.process.wait()
 
     def blocks(self) -> dict[int, dict[str, Any]]:
-        """The counters it shows at the end, which have to add up."""
+        """Return the final counters of the blocks; assert that they add up."""
         found = {line["block"]: line for line in self.lines if line["event"] == "block"}
         for block in found.values():
             assert block["started"] == block["done"] + block["failed"] + block["running"]
@@ -108,7 +108,7 @@ async def started(folder: Path, wires: Wires, more: str = "") -> AsyncIterator[P
 
 
 def on_wires(folder: Path, test: Callable[[Wires, DeviceService], Coroutine[Any, Any, None]]) -> None:
-    """Carries a test out with a device at the far end."""
+    """Run a test with a device at the far end."""
 
     async def all_of_it() -> None:
         wires = Wires(folder)

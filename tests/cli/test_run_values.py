@@ -1,4 +1,4 @@
-"""`framekit run` shows values: a line a change, a table on a terminal, and frames only on request."""
+"""`framekit run` shows values: a line per change, a table on a terminal, and frames only on request."""
 
 from __future__ import annotations
 

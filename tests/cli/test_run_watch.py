@@ -1,4 +1,4 @@
-"""`framekit run --watch` as a process: edits are applied or refused, by itself or on SIGHUP, and the run goes on."""
+"""`framekit run --watch` as a process: edits are applied or refused, automatically or on SIGHUP; the run continues."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ blocks:
 
 
 class Process:
-    """`framekit run --watch --json` at work; it ends with the test."""
+    """A running `framekit run --watch --json` that ends with the test."""
 
     def __init__(self, path: Path, *options: str) -> None:
         command = [
@@ -64,7 +64,7 @@ class Process:
 
 
 def replace_file(path: Path, text: str) -> None:
-    """As editors do: the new file is put in the place of the old one."""
+    """Replace the file by a new file, like an editor does."""
     path.with_suffix(".new").write_text(text, encoding="utf-8")
     os.replace(path.with_suffix(".new"), path)
 
@@ -134,7 +134,7 @@ def test_hanging_up_ends_a_run_that_does_not_watch_its_file(tmp_path: Path, opti
 
 
 def test_a_missing_file_and_a_refused_edit_are_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The file is gone for two looks, comes back unchanged, and is wrong then."""
+    """The file is missing in two checks, reappears unchanged, and then is invalid."""
     monkeypatch.setattr("framekit.api.run.INTERVAL", 0.01)
     path = tmp_path / "a.run.yaml"
     path.write_text("run: [", encoding="utf-8")
@@ -163,7 +163,7 @@ def test_a_missing_file_and_a_refused_edit_are_reported(tmp_path: Path, monkeypa
 
 
 def test_nothing_is_reported_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The file changes again while its content is loaded, is loaded by hand while it is missing, and comes back."""
+    """The file changes while its content is loaded, is loaded by hand while it is missing, and reappears."""
     monkeypatch.setattr("framekit.api.run.INTERVAL", 0.01)
     path = tmp_path / "a.run.yaml"
     path.write_text(RUN, encoding="utf-8")

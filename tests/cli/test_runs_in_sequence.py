@@ -1,4 +1,4 @@
-"""Runs in sequence, as a fleet rolls out files: each one knows the requests that the run before it has left open."""
+"""Runs in sequence, as a fleet deploys files: each run knows the unfinished requests of the previous run."""
 
 from __future__ import annotations
 

@@ -78,7 +78,7 @@ def call(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str]:
 
 
 def told_of(folder: Path) -> bytes:
-    """Everything that a run has left in files, but for the files that it was given."""
+    """Return the content of all files that the run has written."""
     parts = [path.read_bytes() for path in folder.rglob("*") if path.is_file() and path.suffix != ".yaml"]
     with sqlite3.connect(folder / "kept.state") as base:
         parts += ["\n".join(base.iterdump()).encode()]

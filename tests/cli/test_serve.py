@@ -121,7 +121,7 @@ def test_the_ready_line_says_which_station_answers(
 
 
 def test_a_client_after_another_is_not_taken_for_it() -> None:
-    """A DF1 receiver drops a command with the header of the one before: transactions begin with another number."""
+    """A DF1 receiver drops a command with the previous header, so each client starts with another number."""
     with serving("df1", "--role", "full", "--port", "pty:", "--json", "--quiet") as process:
         port = json.loads(line_of(process))["port"]
         for _ in range(2):
@@ -186,7 +186,7 @@ def test_a_device_that_answers_frames_by_its_own_sequences() -> None:
 
 
 def test_nobody_reads_the_output_any_more() -> None:
-    """The device goes on to answer, and a line on standard error says so."""
+    """The device continues to answer, and a line on standard error reports it."""
     with serving("mldp", "--port", "pty:") as process:
         path = line_of(process).split()[5]
         assert process.stdout is not None

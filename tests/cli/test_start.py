@@ -1,4 +1,4 @@
-"""How much the command line imports before it answers: the number of modules does not depend on the machine."""
+"""The imports of the command line before it answers: the number of modules does not depend on the machine."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from pathlib import Path
 REQUEST = "01 03 00 00 00 0A C5 CD"
 SLOW = {"asyncio", "dataclasses", "datetime", "decimal", "difflib", "email", "importlib.metadata", "inspect", "json",
         "shutil", "yaml"}  # fmt: skip
-"""Modules that take long to import, and that neither command needs."""
+"""Slow modules that neither command needs."""
 
 
 def imported(tmp_path: Path, *words: str) -> set[str]:
-    """The modules that a command imports, its own answer left out."""
+    """Return the modules that a command imports."""
     script = (
         "import sys, io; before = set(sys.modules); out, sys.stdout = sys.stdout, io.StringIO()\n"
         "from framekit.cli.main import main\n"

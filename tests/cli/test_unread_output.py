@@ -1,4 +1,4 @@
-"""Verbs whose reader has gone: those that only print end quietly as SIGPIPE programs do, a run and a server go on."""
+"""Verbs whose reader has gone: verbs that only print end quietly like SIGPIPE programs; runs and servers continue."""
 
 from __future__ import annotations
 
@@ -44,7 +44,10 @@ def test_verbs_that_only_print_end_quietly(tmp_path: Path, words: list[str]) -> 
 
 @pytest.mark.parametrize("options", [("--frames",), ("--frames", "--json")])
 def test_a_run_goes_on_without_its_reader(tmp_path: Path, options: tuple[str, ...]) -> None:
-    """`framekit run plant.run.yaml | head -1`: a line says so, and values are stored on."""
+    """`framekit run plant.run.yaml
+
+    head -1`: a line reports it, and values are still stored.
+    """
     (tmp_path / "far.device.yaml").write_text(DEVICE, encoding="utf-8")
     points = 'points:\n  level: {channel: 1, address: "40001", every: 20 ms}\nsinks:\n  - {csv: a.csv, every: 100 ms}\n'
     (tmp_path / "unread.run.yaml").write_text(RUN + points, encoding="utf-8")
@@ -91,7 +94,7 @@ def test_text_ends_as_a_program_that_sigpipe_has_ended(tmp_path: Path) -> None:
 
 
 def test_closed_streams_take_no_text_and_stop_nothing(tmp_path: Path) -> None:
-    """As a daemon starts a program: `>&- 2>&-`."""
+    """Streams closed as by a daemon that starts a program: `>&- 2>&-`."""
     (tmp_path / "far.device.yaml").write_text(DEVICE, encoding="utf-8")
     (tmp_path / "unread.run.yaml").write_text(RUN, encoding="utf-8")
     words = f"{sys.executable} -m framekit.cli.main run unread.run.yaml --virtual --for 1s --capture seen.jsonl"

@@ -1,4 +1,4 @@
-"""A run watched: capture of every channel, status while it goes on and by a signal, the log."""
+"""Observation of a run: capture of every channel, status at intervals and on a signal, the log."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def lines_of(capsys: pytest.CaptureFixture[str]) -> list[dict[str, object]]:
 
 
 def test_the_status_of_a_run() -> None:
-    """Services and errors of the channels are those of their blocks; reasons add up to the errors."""
+    """Services and errors of a channel are the sums of its blocks; the reasons add up to the errors."""
     clock = VirtualClock()
     service = RunService(load_run(EXAMPLES / "third-party-plc.run.yaml"), clock)
     service.start()
@@ -96,7 +96,7 @@ def test_capture_and_status_of_a_virtual_run(tmp_path: Path, capsys: pytest.Capt
 
 @pytest.mark.long
 def test_the_output_of_a_run_cuts_no_transmission_into_pieces(tmp_path: Path) -> None:
-    """The second reply is under way when the output of the first exchange is printed, 20 ms after its beginning."""
+    """The output of the first exchange is printed 20 ms after its start, while the second reply is transmitted."""
     (tmp_path / "d.device.yaml").write_text("device: d\nprotocol: modbus-rtu\nstation: 1\n")
     (tmp_path / "r.run.yaml").write_text(
         "run: r\nchannels:\n  1: {port: 'sim:d.device.yaml', protocol: modbus-rtu, station: 1}\n"

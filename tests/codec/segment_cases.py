@@ -1,6 +1,6 @@
-"""One case for every kind of segment and every option: YAML, values and bytes.
+"""Cases for every kind of segment and every option: YAML, values and bytes.
 
-Both compilers are tested with them, and the pages of `docs/segments` are made of them.
+Both compilers are tested with them, and the pages of `docs/segments` are generated from them.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A body, values to build it from, the bytes, and what reading gives beyond the values.
+    """A body, values to build it from, the bytes, and the additional values of decoding.
 
     `bad` maps bytes that are not this frame to the cause. `top` is YAML before `frames:`, `keys` are keys of the frame.
     """
@@ -28,7 +28,7 @@ class Case:
 
     @property
     def yaml(self) -> str:
-        """A protocol whose only frame `f` has this body."""
+        """Return a protocol whose only frame `f` has this body."""
         lines = [f"      {line}" for line in self.body.splitlines()]
         keys = f"    {self.keys}\n" if self.keys else ""
         return f"protocol: case\n{self.top}frames:\n  f:\n{keys}    body:\n" + "\n".join(lines) + "\n"

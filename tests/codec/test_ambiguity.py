@@ -134,7 +134,7 @@ frames:
 
 
 def test_the_share_of_double_errors_is_that_of_the_sum() -> None:
-    """Turning over the same bit of two bytes, one up and one down, leaves a sum as it was."""
+    """Inverting the same bit of two bytes, once up and once down, does not change a sum."""
     protocol = load_protocol_text(
         "protocol: t\nframes:\n  f: {body: [{const: STX}, {data: d, size: 30}, {check: sum8}]}\n"
     )

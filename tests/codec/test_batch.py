@@ -61,7 +61,7 @@ CASES = [
 
 
 def frames_of(protocol: str, frame: str, make: Make) -> list[bytes]:
-    """Some hundred frames, of which every tenth is damaged, cut or lengthened."""
+    """Return some hundred frames; every tenth is damaged, cut or lengthened."""
     choose, codec = random.Random(7), compile_protocol(load_protocol(protocol))
     found = []
     for number in range(600):

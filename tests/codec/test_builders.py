@@ -1,4 +1,4 @@
-"""Builders against encoders: the same bytes of the same values, and the same errors, for every shipped protocol."""
+"""Builders compared with encoders: the same bytes and the same errors, for every shipped protocol."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from framekit.definition.load.protocol import load_protocol, load_protocol_text
 from framekit.definition.model.protocol import Protocol
 
 CARRIED = ("pccc", "pccc-admin", "ge-service", "modbus-pdu", "ge-rtu-pdu")
-"""Applications whose frames stand in those of shipped protocols, and are built there."""
+"""Applications whose frames are contained in shipped protocols, and built there."""
 STRANGE: tuple[Any, ...] = (
     -1, 0, 255, 256, 300, 70_000, 1 << 40, 1.5, "", "no such name", b"", b"x" * 300, [], [1] * 300, [256], [-1, 70_000],
     (1, 2), {1: 2}, {}, "AB", True, range(2), bytearray(b"ab"), memoryview(b"abcd").cast("H"), array("H", [1, 2]),
@@ -33,7 +33,7 @@ STRANGE: tuple[Any, ...] = (
 
 
 class Both:
-    """The builders of a protocol, and its encoders."""
+    """The builders and the encoders of a protocol."""
 
     def __init__(self, protocol: Protocol) -> None:
         self.protocol = protocol
@@ -47,7 +47,7 @@ class Both:
         self.known: dict[tuple[str, ...], Parameters] = {}
 
     def chains(self) -> Iterator[tuple[str, ...]]:
-        """Every frame that stands in no other by itself, and with every row of frames inside each other."""
+        """Yield every outermost frame, alone and with each chain of inner frames."""
         inside = {name for frame in self.frames.values() for name in inner_frames(frame)}
         for name in self.frames:
             if name not in inside:
@@ -59,7 +59,7 @@ class Both:
             yield from self._from(*frames, name)
 
     def nested(self, frames: tuple[str, ...]) -> Iterator[dict[str, Any]]:
-        """Values of the frames, those inside in the ones around them."""
+        """Yield values of the frames, nested like the frames."""
         levels = levels_of(self.frames, frames)
         for sample in self.sampler.samples(frames[-1], count=3):
             values = dict(sample.values)
@@ -76,7 +76,7 @@ class Both:
         return self.known[frames]
 
     def keywords(self, frames: tuple[str, ...], values: Mapping[str, Any]) -> dict[str, Any]:
-        """The nested values by the names of parameters."""
+        """Return the nested values by parameter name."""
         parameters = self.parameters(frames)
         found: dict[str, Any] = {}
         for depth, level in enumerate(parameters.levels):
@@ -91,7 +91,7 @@ class Both:
         return self.builders.builder(*frames)
 
     def compare(self, frames: tuple[str, ...]) -> int:
-        """How often both gave bytes."""
+        """Compare both; return how often both gave bytes."""
         build, found = self.build(frames), 0
         for values in self.nested(frames):
             keywords = self.keywords(frames, values)
@@ -154,7 +154,7 @@ def test_protocols_use_it() -> None:
 
 
 def protocol_of(body: str, *frames: str, more: str = "") -> Protocol:
-    """The frame `f` with this body, and frames that are called `x0`, `x1` …"""
+    """Return a protocol with the frame `f` of this body, and frames named `x0`, `x1` …"""
     lines = ["protocol: built", "order: big", *([more] if more else []), "groups:", "  inside: {}", "frames:"]
     lines.append(f"  f: {{body: [{body}]}}")
     lines += [f"  x{place}: {{group: inside, {frame}}}" for place, frame in enumerate(frames)]
@@ -393,7 +393,7 @@ def test_a_parameter_called_type_hides_nothing() -> None:
 
 
 class Alone(Both):
-    """The builders in a module that stands alone."""
+    """The builders of a stand-alone module."""
 
     def __init__(self, protocol: Protocol) -> None:
         super().__init__(protocol)

@@ -55,7 +55,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 @pytest.fixture
 def made(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """The names of protocols that were loaded and compiled, not taken from the cache."""
+    """Record the protocols that were loaded and compiled instead of taken from the cache."""
     found: list[str] = []
     make = cache_module._made
 

@@ -1,4 +1,4 @@
-"""Frames with a delimiter between them, which two may share; SLIP, COBS and PPP against other programs."""
+"""Frames separated by a delimiter, which two frames may share; SLIP, COBS and PPP compared with other programs."""
 
 from __future__ import annotations
 
@@ -59,13 +59,13 @@ def test_ppp_frames_of_other_programs(data: str, wire: str) -> None:
 
 
 def test_escapes_of_rfc_1662() -> None:
-    """Section 4.2: 7E, 7D and 03 as they are sent."""
+    """RFC 1662, section 4.2: the wire form of 7E, 7D and 03."""
     wire = ppp(0xC021, "7E 7D 03")
     assert wire[6:-1].startswith(bytes.fromhex("7D 5E 7D 5D 7D 23"))
 
 
 def test_a_check_code_in_a_wrap_is_stuffed_too() -> None:
-    """Whatever its bytes are; among 4096 frames some hold each byte that is escaped."""
+    """Each escaped byte occurs in the check codes of some of the 4096 frames."""
     codec, seen = compiled(PPP)[1], set()
     for number in range(4096):
         data = number.to_bytes(2, "big")
@@ -121,7 +121,7 @@ def test_a_delimiter_ends_a_frame_and_begins_the_next(name: str, between: int) -
 @pytest.mark.parametrize("name", FRAMES_OF)
 @pytest.mark.parametrize("resync", ["next_start", "after_frame", "after_quiet"])
 def test_what_is_damaged_costs_nothing_else(name: str, resync: str) -> None:
-    """A bad frame ends with its delimiter, and the next one begins with it."""
+    """A bad frame ends at its delimiter, and the next frame begins there."""
     text, frame, sent = FRAMES_OF[name]
     text = text.replace("delimiter:", f"resync: {resync}\n  delimiter:") if name == "slip" else text
     text = (
@@ -168,7 +168,7 @@ def test_the_same_as_sliplib(data: bytes) -> None:
 
 
 def test_packets_of_sliplib_in_a_stream() -> None:
-    """As it writes them, one END between two; and as its driver reads ours."""
+    """sliplib writes one END between two packets; its driver reads our packets."""
     sliplib = pytest.importorskip("sliplib", reason="sliplib is not installed")
     packets = [b"\xc0", b"\xdb\xdc", b"plain", bytes(range(256))]
     stream = b"\xc0" + b"\xc0".join(sliplib.encode(one) for one in packets) + b"\xc0"

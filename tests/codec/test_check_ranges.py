@@ -1,4 +1,4 @@
-"""What check codes cover and do: bytes that are not on the wire, wraps as they stand, each other, headers that end."""
+"""Ranges and effects of check codes: bytes not transmitted, encoded wraps, other codes, headers that end a frame."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_streams_with_damaged_headers_give_the_same_however_they_are_cut() -> No
 
 
 def test_noise_like_headers_costs_no_more_than_other_noise() -> None:
-    """Each place is looked at a few times, whatever lengths the noise shows."""
+    """Each offset is examined only a few times, for any lengths in the noise."""
     noise = b"\x05\x64\x7f\xff" * 5000
     profile = cProfile.Profile()
     with profile:
@@ -176,7 +176,7 @@ def test_a_check_without_over_counts_what_stands_before_it_in_its_region(inside:
     ],
 )
 def test_two_checks_of_which_one_covers_the_other(header: str, behind: str, wire: str) -> None:
-    """The header's covered by the frame's and the other way round, whichever comes first on the wire."""
+    """The frame's code covers the header's or vice versa, in any order on the wire."""
     protocol = small_protocol(f"[{header}, {{data: d, size: 2}}, {behind}]".replace(", ]", "]"))
     values = {"h": 5, "d": b"\x01\x02"}
     for codec in (compile_protocol(protocol), compile_construct(protocol)):

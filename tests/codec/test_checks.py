@@ -1,4 +1,4 @@
-"""Check methods: every catalogue CRC proves its parameters, and every method means the same by any way."""
+"""Check methods: every catalogue CRC proves its parameters, and all implementations of a method agree."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ REQUEST = bytes.fromhex("05 32 30 72 53 53 30 31 30 36 25 4D 57 31 30 30 04")
 
 
 def by_bits(method: CheckMethod, data: bytes) -> int:
-    """A CRC by the definition: division of the message as one polynomial, bit after bit."""
+    """Compute a CRC by definition: bitwise division of the message as one polynomial."""
     width = method.width
     register = method.initial
     for byte in data:
@@ -151,7 +151,7 @@ def test_initial_width_complement_and_mask(kind: str, data: st.DataObject) -> No
 
 
 def by_words(method: CheckMethod, data: bytes) -> int:
-    """A simple method word after word, as its docstring says."""
+    """Compute a simple method word by word, as its docstring defines it."""
     size = 2 if method.kind == "word_sum" else (method.width + 7) // 8 if method.kind == "xor" else 1
     data += b"\0" * (-len(data) % size)
     code = method.initial

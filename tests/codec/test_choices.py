@@ -1,4 +1,4 @@
-"""Choices whose cases have fields of the same names: other sizes, conditions and defaults in every case."""
+"""Choices whose cases have fields of the same name, with different sizes, conditions and defaults."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ GCM = {
         "61353B4C2806934A777FF51FA22A4755699B2A714FCDC6F83766E5F97B6C7423"
         "73806900E49F24B22B097544D4896B424989B5E1EBAC0F07C23F4598", "3612D2E79E3B0785561BE14AACA2FCCB"),
 }  # fmt: skip
-"""McGrew and Viega, The Galois/Counter Mode of Operation, appendix B."""
+"""Vectors of McGrew and Viega, The Galois/Counter Mode of Operation, appendix B."""
 
 CMAC = {
     0: "BB1D6929E95937287FA37D129B756746",
@@ -80,7 +80,7 @@ CMAC = {
     40: "DFA66747DE9AE63030CA32611497C827",
     64: "51F0BEBF7E3B9D92FC49741779363CFE",
 }
-"""RFC 4493, 4: the code by the number of bytes."""
+"""RFC 4493, 4: code by number of bytes."""
 
 HMAC = {
     "RFC 2202, 2, case 2": ("hmac-md5", b"Jefe", b"what do ya want for nothing?", "750C783E6AB0B503EAA86E310A5DB738"),
@@ -183,7 +183,7 @@ def test_every_single_wrong_bit_is_a_bad_frame_that_shows_no_key(compiler: str) 
 @pytest.mark.parametrize("piece", [1, 7, 1000])
 @pytest.mark.parametrize("key", [SECRET, None, bytes(16)])
 def test_a_listener_shows_plain_content_where_it_knows_the_key(key: bytes | None, piece: int) -> None:
-    """Three frames, the second with a wrong code: good ones are read, the wrong one is a bad frame with its reason."""
+    """Three frames, the second with a wrong code: good frames are decoded, the other is a bad frame with its reason."""
     protocol = load_protocol_text(f"protocol: case\n{TOP}frames: {{f: {{body: [{{const: 7E}}, {BODY}]}}}}\n")
     codec = compile_protocol(protocol)
     frames = [codec.encode("f", {"iv": bytes(range(16)), "d": d}, {"k": SECRET}) for d in (b"one", b"two", b"three")]
@@ -228,7 +228,7 @@ def test_a_parameter_that_is_secret_is_refused_without_its_value() -> None:
 
 
 def test_check_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where the library is not there."""
+    """If the library is missing."""
     find = importlib.util.find_spec
     monkeypatch.setattr(
         "framekit.definition.model.checks.find_spec", lambda name: None if name == "cryptography" else find(name)
@@ -266,7 +266,7 @@ def test_generated_modules_carry_ciphers_along() -> None:
 def test_codes_made_with_a_key_are_compared_in_constant_time(
     form: str, ends: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Wherever one is compared (read, measured, diagnosed) the function for it does it, which sees the whole code."""
+    """Every comparison (reading, measuring, diagnosing) calls `compare_digest` with the whole code."""
     import hmac
 
     body = f"{{data: d, size: 2}}, {{check: cmac-aes, key: k, size: 8{form}{ends}}}, {{data: e, size: 2}}"

@@ -1,4 +1,4 @@
-"""The work of loading, compiling and checking a definition grows with its size, not with the square of it."""
+"""The work of loading, compiling and checking a definition grows in proportion to its size, not to the square."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def cases(count: int) -> str:
 
 
 def records(count: int) -> str:
-    """Cases that hold a record each."""
+    """Return cases with a record each."""
     return ", ".join(f"{case}: [{{include: record, as: r{case}}}]" for case in range(count))
 
 
@@ -61,7 +61,7 @@ SHAPES: dict[str, Callable[[int], str]] = {
 
 
 GROWTH = 2.7
-"""Twice the size may take this many times the work; the square would take four times the work."""
+"""Most growth of the work for twice the size; quadratic work would grow by 4."""
 
 
 def definition(shape: str, count: int) -> str:
@@ -95,7 +95,7 @@ def test_the_source_grows_with_the_definition(shape: str) -> None:
 
 
 def test_many_cases_are_told_apart() -> None:
-    """Above the number of names that each case lists by itself."""
+    """More cases than names that each case lists by itself."""
     codec = compile_protocol(load_protocol_text(definition("cases whose records are read", 40)))
     values = {"a": 39, "r39": {"x": 7}}
     assert codec.decode("f", codec.encode("f", values, {}), {}) == values

@@ -1,4 +1,4 @@
-"""The interpreter of expressions, alone and against the emitter that compilers and engines use."""
+"""The interpreter of expressions, alone and compared with the emitter of compilers and engines."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ EXPRESSIONS = [
 
 
 class _Names:
-    """Names as entries of a dictionary `n`."""
+    """Emit names as entries of a dictionary `n`."""
 
     def name(self, node: Name) -> str:
         return f"n[{node.name!r}]"

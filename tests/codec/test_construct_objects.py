@@ -1,4 +1,4 @@
-"""Frames as constructs among other constructs: nesting, context, sizes, errors that construct understands."""
+"""Frames as constructs inside other constructs: nesting, context, sizes, errors that construct understands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Regions, checks and frames inside frames in the construct back end."""
+"""Regions, check codes and inner frames in the construct codec."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ def fault(codec: ConstructCodec, data: str, ctx: dict[str, Any] | None = None) -
 
 
 def refused(codec: ConstructCodec, values: dict[str, Any], ctx: dict[str, Any] | None = None) -> str:
-    """The field an encoder complains about."""
+    """Return the field in the encoder's error."""
     with pytest.raises(EncodeError) as caught:
         codec.encode("f", values, ctx)
     return caught.value.field

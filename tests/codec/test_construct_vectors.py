@@ -1,4 +1,4 @@
-"""The frame cases of the shipped vectors on the construct back end alone: an independent reading of the manuals."""
+"""The frame cases of the shipped vectors with the construct codec alone: an independent reading of the manuals."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def holds(vector: FrameVector, protocol: Protocol, codec: ConstructCodec) -> Non
 
 
 def plain_values(protocol: Protocol, vector: FrameVector) -> dict[str, Any]:
-    """Parameters, state and the request of a case."""
+    """Return the parameters, the state and the request of a case."""
     found: dict[str, Any] = {}
     for name, value in {**vector.params, **vector.state}.items():
         kind = protocol.params[name].type if name in protocol.params else ""

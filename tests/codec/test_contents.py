@@ -1,4 +1,4 @@
-"""`shows:` of bytes: displays read them as a layout that a number of the frame chooses; exchanges do not."""
+"""`shows:` of bytes: displays decode them by the layout that a number of the frame selects; exchanges do not."""
 
 from __future__ import annotations
 

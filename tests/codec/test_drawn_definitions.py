@@ -1,4 +1,4 @@
-"""Definitions drawn at random, and those that once went wrong: what `check` takes never crashes and round-trips."""
+"""Definitions drawn at random, and definitions that once failed: accepted definitions never crash and round-trip."""
 
 from __future__ import annotations
 
@@ -849,7 +849,7 @@ def test_what_could_not_be_read_again_is_not_sent(title: str) -> None:
 
 
 def test_a_delimited_body_never_holds_what_ends_it() -> None:
-    """Of fixed size too, where all could be put together at once."""
+    """Also with a fixed size, where all bytes could be packed at once."""
     text = """
 protocol: ended
 groups: {g: {head: [{text: '0'}], tail: [{const: 03}], delimited: yes}}
@@ -893,7 +893,7 @@ def test_a_frame_inside_that_check_calls_the_beginning_of_another_need_not_be_re
     "wrap", ["{wrap: hex, of: [%s]}, {const: 03}", "{wrap: {escape: DLE}, of: [%s]}, {const: 10 03}"]
 )
 def test_an_end_that_stands_behind_the_longest_frame_is_none(wrap: str) -> None:
-    """However the bytes come: whole or in pieces."""
+    """The bytes arrive whole or in pieces."""
     body = f"[{{field: k, type: u8}}, {wrap % '{field: a, type: u8, when: k}'}]"
     codec = compile_protocol(load_protocol_text(f"protocol: p\nframes: {{f: {{body: {body}, max: 7}}}}", "p"))
     assert codec.measure("f", b"\x0130\x10\x03") > 0
@@ -917,7 +917,7 @@ def test_what_is_missing_is_named_with_its_record() -> None:
 
 
 def test_a_record_has_to_be_given_unless_the_definition_has_a_value_for_all_in_it() -> None:
-    """That bits are 0 without more is no value of the definition's."""
+    """An implicit 0 of bits is not a value of the definition."""
     kinds = {
         "plain": "{bits: {a: 0-3, b: 4-7}, of: u8}",
         "computed": "{bits: {a: 0-3, b: 4-7}, of: u8, is: {a: 1}, build: {b: 2}}",
@@ -941,7 +941,7 @@ def test_a_record_has_to_be_given_unless_the_definition_has_a_value_for_all_in_i
 
 
 def test_a_default_that_is_built_decides_on_what_follows() -> None:
-    """Of a record and of the frame itself."""
+    """Of a record, and of the frame itself."""
     layouts = "layouts: {hop: [{bits: {s: 1-7, last: 0}, of: u8, build: {last: 0}}]}"
     body = (
         "[{include: hop, as: one}, {include: hop, as: two, when: one.last == 0}, {field: a, type: u8, build: 3},"
@@ -961,12 +961,12 @@ def test_what_is_quoted_in_a_table_is_a_text() -> None:
 
 PAIRS = tuple(combinations_with_replacement(DRAWN, 2))
 ROUNDS = int(os.environ.get("FRAMEKIT_DRAWN", "1"))
-"""How often every pair of kinds is drawn; with FRAMEKIT_DRAWN=50 it takes minutes and many thousand definitions."""
+"""Number of definitions per pair of kinds; FRAMEKIT_DRAWN=50 takes minutes and many thousand definitions."""
 SEGMENTS = Path(__file__).parents[2] / "schemas" / "protocol.schema.json"
 
 
 def tried(seed: str, kinds: tuple[str, ...], *, more: bool = False, alike: bool = False) -> str:
-    """What becomes of a definition that holds these kinds: `refused`, `built`, or `unbuilt` for want of values."""
+    """Return the result for a definition with these kinds: `refused`, `built`, or `unbuilt` if no values fit."""
     drawn = DrawnDefinition(seed, kinds, more=more, alike=alike)
     try:
         trial = Trial(drawn.text, drawn.values, seed)
@@ -978,7 +978,7 @@ def tried(seed: str, kinds: tuple[str, ...], *, more: bool = False, alike: bool 
 
 @pytest.mark.parametrize("kind", DRAWN)
 def test_what_check_takes_never_crashes_and_round_trips(kind: str) -> None:
-    """With every kind from it on."""
+    """In pairs with every kind from this kind on."""
     results = []
     for pair in PAIRS:
         if pair[0] == kind:
@@ -1020,7 +1020,7 @@ def results_of(first: int, trial: Callable[[int], str]) -> list[str]:
 @pytest.mark.long
 @pytest.mark.parametrize("first", firsts(300, 4000))
 def test_thousands_of_definitions_hold(first: int) -> None:
-    """Of any number of segments; a seed that fails is tried alone with `tried("612", ())`."""
+    """With any number of segments; `tried("612", ())` repeats a failing seed."""
     results = results_of(first, lambda seed: tried(str(seed), ()))
     assert results.count("built") > PIECE // 5
 
@@ -1028,17 +1028,17 @@ def test_thousands_of_definitions_hold(first: int) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("first", firsts(200, 4000))
 def test_definitions_with_parameters_state_and_more_functions_hold(first: int) -> None:
-    """Tried alone: `tried("m612", (), more=True)`."""
+    """`tried("m612", (), more=True)` repeats a failing seed."""
     results = results_of(first, lambda seed: tried(f"m{seed}", (), more=True))
     assert results.count("built") > PIECE // 5
 
 
 HELD = ("include", "repeat", "include", "choose", "check", "check", "length", "count", "data", "field", "wrap", "inner")
-"""Kinds that hold others, or mean others by their names."""
+"""Kinds that contain segments or refer to segments by name."""
 
 
 def alike(seed: int) -> str:
-    """What becomes of a definition whose records, items and cases have the same names."""
+    """Return the result for a definition whose records, items and cases have the same names."""
     kinds = tuple(Random(seed).choices(HELD, k=3))
     return tried(f"s{seed}", kinds, more=seed % 3 == 0, alike=True)
 
@@ -1065,7 +1065,7 @@ def test_half_of_what_is_drawn_is_taken_and_built() -> None:
 
 
 def test_every_kind_and_key_of_the_schema_is_drawn() -> None:
-    """So that a new one takes part in the trial."""
+    """A new kind or key must take part in the trial."""
     known = json.loads(SEGMENTS.read_text("utf-8"))["$defs"]
     wanted = {
         (kind, key) for kind in DRAWN for key in known[f"{kind}_segment"]["properties"] if key != kind or kind in DRAWN

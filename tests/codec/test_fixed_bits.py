@@ -1,4 +1,4 @@
-"""Bytes that bit fields with fixed parts leave: worked out byte by byte, held against all numbers of the field."""
+"""Possible bytes of bit fields with fixed parts: computed byte by byte, and compared with all numbers of the field."""
 
 from __future__ import annotations
 

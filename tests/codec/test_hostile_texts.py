@@ -39,23 +39,23 @@ from framekit.link.sequences.compiler import sequence_source
 from framekit.link.values import Names, compile_expression
 
 PASTED = {module.__name__.rpartition(".")[2] for module in _INLINED}
-"""Their f-strings are messages of the modules that they are inlined into."""
+"""Inlined modules; their f-strings are error messages."""
 HOSTILE = (
     '"""; boom(); """\n\'\'\'; boom(); \'\'\'\n\\"""{boom()}{{%s#\\\n'
     "\u2028\x85\\N{BULLET}(boom).x boom()\n\"; boom(); '"
 )
 SHORT = '"""{x}\\\'#'
 TEXTS = {text: ("harmless" * 20)[: len(text)] for text in (HOSTILE, SHORT)}
-"""Each with a harmless one; the second is tried where the first is refused."""
+"""Hostile text → harmless text; the second pair is tried if the first is refused."""
 LARGE = 3000
-"""Larger definitions are tried with one text and one module, since they take a second each."""
+"""Size of a definition that is tried with one text and one module only, since it takes a second."""
 READ = {"name", "about", "kind", "params", "state", "tables", "layouts", "frames", "sources", "receiver"}
-"""What generators read of a definition."""
+"""Sections of a definition that generators read."""
 NOT_READ = {
     "roles", "sessions", "services", "areas", "addresses", "errors", "server", "commands",
     "station", "line",
 }  # fmt: skip
-"""Sections that they do not read; `tests/link/test_hostile_services.py` tries what functions of services read."""
+"""Sections that generators do not read; `tests/link/test_hostile_services.py` tests the sections that services read."""
 
 
 FOLDED = """
@@ -118,7 +118,7 @@ sequences:
 
 
 class Bare(str):
-    """A scalar that stands in no quotes."""
+    """A scalar without quotes."""
 
 
 def plain(node: Node) -> Any:
@@ -139,7 +139,7 @@ def yaml_of(value: Any) -> str:
 
 @cache
 def documents() -> tuple[Any, ...]:
-    """Definitions that have every kind of node: the cases of segments, and the shipped ones for all the others."""
+    """Return definitions that have every kind of node: the cases of segments, and shipped definitions for the rest."""
     texts = sorted([FOLDED, *(case.yaml for cases in SECTIONS.values() for case in cases)], key=len)
     texts.append(SMALL)
     files = [file for file in shipped_definitions() if "." not in file.stem]
@@ -196,7 +196,7 @@ def tried() -> dict[str, dict[str, tuple[Any, tuple[Any, ...], str]]]:
 
 
 def changed(value: Any, path: tuple[Any, ...], new: Any) -> Any:
-    """The value with another one at a path."""
+    """Return the value with a replacement at a path."""
     if not path:
         return new
     step, *others = path
@@ -206,7 +206,7 @@ def changed(value: Any, path: tuple[Any, ...], new: Any) -> Any:
 
 
 def variants(text: str) -> list[Any]:
-    """A text as it may come into a definition."""
+    """Return a text in the forms in which a definition may contain it."""
     inside = "'" + re.sub(r"([\\'])", r"\\\1", text) + "'"
     lists, mappings = [[text], [Bare("1"), text]], [{"1": text}, {text: Bare("1")}, {"build": inside}]
     return [text, inside, f"1 if {inside} != 'a' else 2", *lists, *mappings]
@@ -216,7 +216,7 @@ def variants(text: str) -> list[Any]:
 
 
 class NoFunctions:
-    """A codec of frames that are only looked at."""
+    """A codec without functions, for code that only lists frames."""
 
     def __init__(self, protocol: Protocol) -> None:
         self.frames = dict.fromkeys(protocol.frames, self)
@@ -240,14 +240,17 @@ def sources(protocol: Protocol, size: int, section: str) -> Iterator[str]:
 
 
 class WithoutTexts(ast.NodeTransformer):
-    """Takes texts away, and numbers, which may be those of their bytes."""
+    """Replace texts by empty texts, and also numbers, which may come from the bytes of a text."""
 
     def visit_Constant(self, node: ast.Constant) -> ast.Constant:
         return ast.Constant("" if isinstance(node.value, (str, bytes)) or type(node.value) is int else node.value)
 
 
 def shape(source: str) -> list[str]:
-    """The syntax of a module's parts, without texts; most parts are those of other modules as well."""
+    """Return the syntax of a module's parts without texts.
+
+    The parts are cached, since most of them occur in many modules.
+    """
     return [shape_of(part) for part in source.split("\n\n\n")]
 
 
@@ -264,7 +267,7 @@ def shape_of(part: str) -> str:
 
 
 def shapes(document: Any, section: str = "") -> list[list[str]] | None:
-    """Of all modules of a definition; None if it is refused."""
+    """Return the syntax of all modules of a definition, or None if it is refused."""
     try:
         protocol = load_protocol_text(yaml_of(document), "hostile")
         return [shape(source) for source in sources(protocol, len(yaml_of(document)), section)]
@@ -329,7 +332,7 @@ def test_a_line_of_source_holds_no_sign_that_is_not_shown() -> None:
 
 
 def test_no_generator_puts_text_between_quotes_or_into_a_comment_itself() -> None:
-    """Between the signs that begin and end a text or a comment, an f-string of a generator holds no value."""
+    """Between the quotes of a text and in a comment, an f-string of a generator contains no placeholder."""
     for file in Path(generate.__file__).parent.glob("*.py"):
         for node in ast.walk(ast.parse(file.read_text())):
             if isinstance(node, ast.JoinedStr) and file.stem not in {*PASTED, "source"}:

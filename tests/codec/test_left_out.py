@@ -124,7 +124,7 @@ def test_a_length_means_the_name_of_its_own_list(compiler: str) -> None:
     "between", ["{field: x, type: u8, when: k == 1}", "{choose: k, cases: {1: [{skip: 1}], 2: []}}"]
 )
 def test_a_length_is_compared_behind_what_may_be_left_out(compiler: str, between: str) -> None:
-    """In every case, and when all that it counts has been read."""
+    """In every case, after all covered segments have been read."""
     body = f"- {{length: n, type: u8, of: [k, d]}}\n- {{field: k, type: u8}}\n- {between}\n- {{data: d, size: rest}}"
     tested = codec(body, compiler)
     for data in ("0401000A0B0C", "04020A0B0C"):

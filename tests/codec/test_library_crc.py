@@ -1,4 +1,4 @@
-"""CRCs computed by the compiled library: the same codes as ours, on any bytes, for every CRC that has a name."""
+"""CRCs of the compiled library: equal to ours on any bytes, for every CRC with a name."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.check_methods import from_crc
 BY_LIBRARY = [entry.method for entry in crc_catalogue() if library_crc(entry.method) is not None]
 
 OF_THEIR_OWN = {"mstp-header"}
-"""Codes of shipped frames that the library does not have: computed by a table."""
+"""Check methods of shipped frames that the library lacks; they are computed by a table."""
 
 
 def shipped_methods() -> Iterator[CheckMethod]:

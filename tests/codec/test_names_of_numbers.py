@@ -1,4 +1,4 @@
-"""Names of numbers: of fields and bits, of a frame and of those inside it; given to encode, shown by decode."""
+"""Names of numbers: of fields and bits, in frames and inner frames; accepted by encode, shown by decode."""
 
 from __future__ import annotations
 

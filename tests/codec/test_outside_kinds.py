@@ -1,4 +1,4 @@
-"""Kinds of segments from outside of framekit stand wherever segments stand."""
+"""Kinds of segments defined outside framekit may be used at any place of a segment."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "extending.md"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Nine(Segment):
-    """A number in two bytes of which the first is the low one: read and built in one struct with its neighbours."""
+    """A little-endian number of two bytes, packed and unpacked in one struct with its neighbours."""
 
     KEY: ClassVar[str] = "nine"
     name: str = key("nine", IDENTIFIER, "Name of the number.")
@@ -96,7 +96,7 @@ class NineKind(SegmentKind[Nine]):
 
 @pytest.fixture(scope="module")
 def outside(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """The kind of the page, and the one above; everything is as before afterwards."""
+    """Register the kind of the page and the kind above; restore all registries afterwards."""
     folder = tmp_path_factory.mktemp("outside")
     block = re.search(r"^```python\n# file: varint.py\n(.*?)^```$", PAGE.read_text("utf-8"), re.MULTILINE | re.DOTALL)
     assert block is not None

@@ -30,7 +30,7 @@ def fault(codec: Codec, data: str, ctx: dict[str, Any] | None = None) -> FrameEr
 
 
 def refused(codec: Codec, values: dict[str, Any], ctx: dict[str, Any] | None = None) -> str:
-    """The path an encoder complains about; its message is a sentence of its own."""
+    """Return the path in the encoder's error; the message must be a whole sentence."""
     with pytest.raises(EncodeError) as caught:
         codec.encode("f", values, ctx)
     assert str(caught.value)
@@ -162,7 +162,10 @@ AROUND = {
 def test_what_is_never_refused_is_found_out_when_it_is_asked_for(
     around: str, data: str, cause: str, refuse: int | None, is_found_out: bool
 ) -> None:
-    """A wrong check code, constant or size of a wrap that is the only fault around a frame inside."""
+    """The only fault around an inner frame is a wrong check code, constant or wrap size.
+
+    Its cause is computed on demand.
+    """
     codec = codec_of(AROUND[around], INSIDE)
     with pytest.raises(FrameError) as caught:
         codec.decode("f", bytes.fromhex(data))

@@ -1,4 +1,4 @@
-"""Frames that are read together with the one inside them: the same values and faults as read one after the other."""
+"""Frames that are decoded together with their inner frame: the same values and faults as decoding in two steps."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from framekit.definition.model.protocol import Protocol
 
 
 def pairs(protocol: Protocol) -> list[tuple[str, str]]:
-    """Every frame, with every one inside it, that are read at once."""
+    """Return every frame and inner frame that are decoded together."""
     shapes = StaticSizes(normal_protocol(protocol).frames)
     return [(name, pair.inside_name) for name, frame in shapes.frames.items() for pair in pairs_of(shapes, frame)]
 
 
 class Both:
-    """The functions of a protocol that read two frames at once, and those that read one after the other."""
+    """The functions of a protocol that decode two frames together, and those that decode them in two steps."""
 
     def __init__(self, protocol: Protocol) -> None:
         self.protocol = protocol
@@ -45,7 +45,10 @@ class Both:
         return {name: value for name, value in vars(functions.module).items() if name.endswith("_FUSED")}
 
     def compare(self, frame: str, inside: str) -> bool:
-        """Samples and damaged bytes read alike both ways; whether the two were ever read at once."""
+        """Assert that samples and damaged bytes decode alike.
+
+        Return whether the two frames were ever decoded together.
+        """
         reader = self.reader(frame, inside)
         found = False
         for sample in self.sampler.samples(inside):
@@ -59,13 +62,13 @@ class Both:
         return found
 
     def reader(self, frame: str, inside: str) -> Any:
-        """The function that reads the two."""
+        """Return the function that decodes both frames."""
         tables = self.tables(self.together).values()
         doc = f"Read `{frame}` with `{inside}` inside."
         return next(one for table in tables for one in table if one is not None and one.__doc__ == doc)
 
     def around(self, frame: str, inside: str, fields: Any) -> bytes | None:
-        """The bytes of the frame with this one inside."""
+        """Return the bytes of the frame around the inner frame."""
         for sample in self.sampler.samples(frame):
             name = next(name for name, value in sample.values.items() if isinstance(value, dict))
             try:
@@ -120,7 +123,7 @@ INNER = "{inner: pdu, of: inside}"
 
 
 def protocol_of(head: str, tail: str, *frames: str, keys: str = "", more: str = "") -> Protocol:
-    """The frame `f` with these segments around frames that are called `x0`, `x1` …"""
+    """Return a protocol with the frame `f` of these segments, around frames named `x0`, `x1` …"""
     lines = ["protocol: joined", "order: big", *([more] if more else []), "groups:", "  inside: {}", "frames:"]
     lines.append(f"  f: {{{keys}body: [{head}{tail}]}}")
     lines += [f"  x{place}: {frame}" for place, frame in enumerate(frames)]

@@ -15,7 +15,7 @@ COUNTED = "{count: n, type: u16, of: list}, {repeat: list, times: n, of: %s}"
 
 
 def agreed(body: str, values: dict[str, Any]) -> tuple[Codec, bytes]:
-    """The codec, and the bytes that both compilers make of the values and read them from."""
+    """Assert that both compilers agree on the values; return the codec and the bytes."""
     protocol = small_protocol(body)
     codec, reference = compile_protocol(protocol), compile_construct(protocol)
     data = codec.encode("f", values)

@@ -1,4 +1,4 @@
-"""Measuring: whole frames, frames that come byte by byte, among other bytes, cut off and damaged."""
+"""Measuring: whole frames, frames that arrive byte by byte, among other bytes, cut and damaged."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def codec_of(body: str, *sections: str, keys: str = "") -> Codec:
 
 
 def calls_until_complete(codec: Codec, frame: str, data: bytes, ctx: dict[str, Any] | None = None) -> int:
-    """Feeds a frame byte by byte as a receiver does; how often it was asked before the frame was complete."""
+    """Feed a frame byte by byte like a receiver; return the number of `measure` calls until it was complete."""
     seen, wanted, calls = 0, 1, 0
     for have in range(1, len(data) + 1):
         if have < wanted:
@@ -225,7 +225,7 @@ def test_a_frame_that_is_too_long_is_given_up() -> None:
 
 
 def test_a_frame_whose_values_make_it_too_long_is_given_up() -> None:
-    """Also in the middle, where more parts follow: 2 ** 62 bytes never come, so what waits for them is deaf."""
+    """Also in the middle of a frame: a receiver that waits for 2 ** 62 bytes would never find another frame."""
     codec = codec_of(
         "[{count: n, type: u64, of: r}, {repeat: r, times: n, of: u16}, {field: k, type: u8}, {data: d, size: k}]"
     )
@@ -302,7 +302,7 @@ def test_the_work_grows_with_the_size() -> None:
 
 
 ENDED_BY_CONTENT = [name for name in shipped.PROTOCOLS if name not in ("standard", "modbus-rtu", "ge-rtu")]
-"""Not those all of whose frames only silence ends."""
+"""Protocols with frames that end by content; all frames of the others end by silence."""
 
 
 @cache

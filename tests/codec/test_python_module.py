@@ -1,4 +1,4 @@
-"""Generated modules as users get them: they run without framekit, read well, and are the same every time."""
+"""Generated modules for users: they run without framekit, are readable, and are reproducible."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def test_inside_framekit_there_is_one_kind_of_error() -> None:
 
 
 def test_the_text_is_the_same_every_time() -> None:
-    """Of all shipped ones: `tests/golden` compares it with the text of other processes."""
+    """`tests/golden` compares the modules of all shipped protocols with those of other processes."""
     for name in ("third-party-plc", "modbus-rtu", "ccm"):
         assert generate_source(load_protocol(name)) == generate_source(load_protocol(name))
 
@@ -230,7 +230,7 @@ def test_long_conditions_are_broken_where_python_allows_it(first: str, word: str
 )
 @pytest.mark.parametrize("lead", ["result = ", 'values["result"] = ', "return "])
 def test_long_choices_mean_the_same_on_several_lines(text: str, lead: str) -> None:
-    """A choice binds weaker than `or` and `and`: operands of these must not reach over its words."""
+    """A conditional expression binds weaker than `or` and `and`, so operands must not extend into it."""
     longer = {
         name: f"{name}_with_a_name_that_makes_each_of_these_lines_too_long" for name in ("alpha", "beta", "gamma")
     }
@@ -249,7 +249,7 @@ def test_long_choices_mean_the_same_on_several_lines(text: str, lead: str) -> No
 
 
 def test_no_more_codecs_are_kept_than_definitions(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A codec that falls out is made again when it is asked for; the one used last stays."""
+    """A codec dropped from the cache is compiled again on demand; the last used codec stays."""
     monkeypatch.setattr(keeping, "MOST_KEPT", 4)
     monkeypatch.setattr(keeping, "_compiled", {})
     protocols = [small_protocol("[{field: a, type: u8}]") for _ in range(5)]

@@ -24,7 +24,7 @@ def read(codec: Any, data: bytes) -> Any:
 
 
 def check_reading(codec: Codec, data: bytes) -> None:
-    """The quick way and the careful way come to the same."""
+    """Assert that `decode` and `trace` give the same result."""
     quick, (fields, _, fault) = read(codec, data), codec.trace("f", data)
     assert quick == (fields if fault is None else (fault.cause, fault.refuse)), data.hex(" ")
 

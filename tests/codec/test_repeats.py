@@ -1,4 +1,4 @@
-"""Lists that end with an item, and what items know of themselves: as documented, in streams, and quickly."""
+"""Lists that end with an item, and words of items: as documented, in streams, and quickly."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_a_list_ends_with_the_item_that_says_so(items: list[tuple[int, int]]) ->
 
 
 def test_chains_in_a_stream() -> None:
-    """Whole, byte by byte and cut anywhere; between them noise, and a chain that does not end in its frame."""
+    """Whole, byte by byte and cut anywhere; between the chains are noise and a chain longer than its frame."""
     text = f"protocol: p\nframes: {{f: {{max: 12, body: {CHAIN}}}}}"
     good = bytes.fromhex("7E 85 82 01 7F")
     stream = good + b"\x00" + good + bytes.fromhex("7E" + " 80" * 12) + good
@@ -118,7 +118,7 @@ def test_what_items_know_of_themselves(name: str) -> None:
 
 
 def test_a_chain_that_comes_byte_by_byte_is_not_walked_again() -> None:
-    """Items of fixed size that an earlier call has looked at are passed over."""
+    """Items of fixed size that an earlier call has read are skipped."""
 
     class Counted(bytes):
         looked_at = 0
@@ -216,7 +216,7 @@ RECORDS = [
 
 
 def test_records_of_a_meter() -> None:
-    """The published reply, and longer chains, of which only the number of extensions is given."""
+    """The published reply, and longer chains of which only the number of extensions is published."""
     protocol = load_protocol_text(M_BUS, "meter")
     long = {"extended": 1, "storage": 0, "function": 0, "coding": 1, "vif_extended": 1, "vif": 0x7D, "raw": b"\x05"}
     long |= {"difes": [{"unit": 0, "tariff": 1, "storage": n} for n in range(3)], "vifes": [{"code": 1}, {"code": 2}]}

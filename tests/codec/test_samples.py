@@ -1,4 +1,4 @@
-"""Samples: every frame of the shipped protocols gets some, the same ones every time, and they read back."""
+"""Samples: every frame of the shipped protocols has samples, always the same, and they decode to their values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Segments of several records that share their names: each name means the segment of the record it stands in."""
+"""Segments of the same name in several records: each name refers to the segment of its own record."""
 
 from __future__ import annotations
 

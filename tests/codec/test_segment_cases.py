@@ -1,4 +1,4 @@
-"""Every kind of segment, built and read by both compilers."""
+"""Every kind of segment, encoded and decoded by both compilers."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_unknown_and_missing_values_are_refused_by_name(case: Case, compiler: st
 
 @pytest.mark.parametrize("case", spread(CASES, 4, 2), ids=lambda case: case.title)
 def test_a_frame_is_measured_however_it_comes(case: Case) -> None:
-    """Complete at the right place; before that it wants more, or only silence ends it."""
+    """The frame is complete at its end; shorter data need more bytes or end by silence."""
     tested = codec(case, "python")
     data = case.bytes
     whole = tested.measure("f", data + b"\x00\x00", 0, len(data) + 2)

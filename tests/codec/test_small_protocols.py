@@ -1,7 +1,7 @@
-"""Small definitions as users write them: DNP3's link frame, MAVLink 2, a text protocol with its check before a CR.
+"""Small definitions as users write them: DNP3's link frame, MAVLink 2, a text protocol with a check code before its CR.
 
-The bytes come from elsewhere: those of DNP3 from the tests of opendnp3 (TestLinkFrame.cpp), those of MAVLink from
-pymavlink 2.4.50 (dialect common, MAVLink 2, source system and component 1).
+The bytes come from other sources: DNP3 from the tests of opendnp3 (TestLinkFrame.cpp), MAVLink from pymavlink 2.4.50
+(dialect common, MAVLink 2, source system and component 1).
 """
 
 from __future__ import annotations
@@ -193,7 +193,7 @@ def test_mavlink(wire: str) -> None:
 
 
 def test_a_mavlink_message_with_all_its_zeros_is_read_too() -> None:
-    """Senders may leave the zeros where they are; no field of a shorter one is missing."""
+    """Senders may transmit trailing zeros; a shortened message has all fields nevertheless."""
     codec = both(MAVLINK)[0]
     body = bytes.fromhex("09 00 00 08 01 01 00 00 00") + bytes(9)
     code = codec.encode(

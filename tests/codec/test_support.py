@@ -1,4 +1,4 @@
-"""The plain functions of both compilers: known vectors, round trips, refusals, and that their source stands alone."""
+"""The plain functions of both compilers: known vectors, round trips, refusals; their source stands alone."""
 
 from __future__ import annotations
 

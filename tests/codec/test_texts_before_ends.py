@@ -98,7 +98,7 @@ def test_an_end_within_another_one_is_refused() -> None:
 
 @pytest.mark.parametrize("ending", ["0A", "0D 0A"])
 def test_a_stream_shows_where_lines_end(ending: str) -> None:
-    """The frame is complete with the last byte of its end, whatever pieces it comes in, and not before."""
+    """The frame is complete exactly with the last byte of its end, in any pieces."""
     codec = compile_protocol(load(f"protocol: p\nframes: {{f: {{body: {BODIES['lines']}}}}}"))
     data = b"a\rb" + bytes.fromhex(ending)
     for size in range(len(data)):

@@ -1,7 +1,7 @@
-"""The two compilers against each other: every frame of every shipped definition, built and read, whole and damaged.
+"""The two compilers compared: every frame of every shipped definition, encoded and decoded, whole and damaged.
 
-Both must make the same bytes of the same values, read the same values from the same bytes, and where bytes are damaged
-find the same fault with the same refusal. Damaged bytes are cut to one frame first, as a receiver does it.
+Both must encode the same values to the same bytes, decode the same bytes to the same values, and find the same fault
+with the same refusal in damaged bytes. Damaged bytes are first cut to one frame, as a receiver does.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ EXAMPLES = settings(
 
 
 class Pair:
-    """One protocol compiled both ways."""
+    """A protocol compiled by both compilers."""
 
     def __init__(self, protocol: Protocol) -> None:
         self.protocol = protocol
@@ -57,7 +57,7 @@ class Pair:
         )
 
     def cut(self, frame: str, data: bytes, context: dict[str, Any]) -> bytes | None:
-        """The bytes of the first frame, as far as its end can be found."""
+        """Return the bytes of the first frame, or None if its end cannot be found."""
         size = self.compiled.frames[frame].measure(data, 0, len(data), context)
         return data[:size] if size > 0 else None
 
@@ -78,7 +78,7 @@ def read(decode: Any) -> Any:
 
 @pytest.mark.parametrize("name", spread([*PROTOCOLS, *APPLICATIONS], 8, 3))
 def test_both_compilers_agree(name: str) -> None:
-    """On every frame; those of an application count there, not again in its protocols."""
+    """Compare every frame; the frames of an application are compared there, not again in its protocols."""
     both = Pair(load_protocol(name))
     assert both.protocol.frames or name == "standard"
     for frame in both.protocol.frames.values():
@@ -106,7 +106,7 @@ def gathered() -> Pair:
 
 
 def agree(both: Pair, frame: str) -> None:
-    """On made values, on damaged bytes, and on values that are wrong."""
+    """Compare on drawn values, damaged bytes and wrong values."""
 
     @EXAMPLES
     @given(both.made.frame(frame), st.data())
@@ -121,7 +121,7 @@ def agree(both: Pair, frame: str) -> None:
 
 
 def same_bytes_and_values(both: Pair, frame: str, values: dict[str, Any], context: dict[str, Any]) -> bytes:
-    """Valid values make the same bytes, and are read back from them."""
+    """Assert that valid values encode to the same bytes, and that these decode to the values."""
     reference, compiled = both.build(frame, values, context)
     assert compiled == reference
     assume(isinstance(reference, bytes))
@@ -134,7 +134,7 @@ def same_bytes_and_values(both: Pair, frame: str, values: dict[str, Any], contex
 
 
 def same_fault(both: Pair, frame: str, damaged: bytes, context: dict[str, Any]) -> None:
-    """Bytes read as the same values, or have the same fault; where no frame ends, both find some fault."""
+    """Assert that bytes decode alike or have the same fault; if no frame ends in them, both must find some fault."""
     one_frame = both.cut(frame, damaged, context)
     one, other = both.read(frame, damaged if one_frame is None else one_frame, context)
     if one_frame is None:
@@ -147,7 +147,7 @@ def same_fault(both: Pair, frame: str, damaged: bytes, context: dict[str, Any]) 
 
 
 def damage(data: bytes) -> st.SearchStrategy[bytes]:
-    """The bytes with one to three bytes changed, left out or put in."""
+    """Draw the bytes with one to three bytes changed, removed or inserted."""
 
     @st.composite
     def damaged(draw: Any) -> bytes:
@@ -178,7 +178,7 @@ def _change(draw: Any, data: bytearray, place: int, kind: str) -> None:
 
 
 def spoil(values: dict[str, Any]) -> st.SearchStrategy[dict[str, Any]]:
-    """The values with one left out, added or exchanged, somewhere inside."""
+    """Draw the values with one value removed, added or replaced, at any depth."""
     return st.composite(_spoilt)(values)
 
 
@@ -220,7 +220,7 @@ def has(found: Any, wanted: Any) -> bool:
 
 
 def same_frames(found: Any, wanted: Any) -> bool:
-    """Whether inner frames were read as the same frames; some bytes fit an earlier candidate, too."""
+    """Return whether inner frames were decoded as the same frames; some bytes also fit an earlier candidate."""
     if isinstance(wanted, Mapping):
         common = [name for name in wanted if name in found]
         single = len(wanted) == 1 and not common and isinstance(next(iter(wanted.values())), Mapping)

@@ -13,11 +13,11 @@ from framekit.definition.load.protocol import load_protocol
 from framekit.link.values import Names
 
 FEW, TRIES = 2_000, pytest.param(20_000, marks=pytest.mark.long)
-"""As many blocks are damaged; the bounds below are four standard deviations of so many."""
+"""Number of damaged blocks; the bounds below are four standard deviations for this number."""
 
 
 def passes(flips: int, seed: int, tries: int) -> float:
-    """The share of blocks with so many wrong bits, at random places of data and check, that are taken as good."""
+    """Return the share of blocks with this number of wrong bits, at random places of data and check, that pass."""
     codec = compile_protocol(load_protocol("ccm"))
     names = Names({"left": 256})
     random = Random(seed)
@@ -40,7 +40,7 @@ def passes(flips: int, seed: int, tries: int) -> float:
 @pytest.mark.parametrize("tries", [FEW, TRIES])
 @pytest.mark.parametrize(("flips", "theory"), [(1, 0.0), (2, 1 / 8), (3, 0.0), (4, 176 / 4096)])
 def test_exclusive_or_of_all_bytes(flips: int, theory: float, tries: int) -> None:
-    """Wrong bits cancel when every column has an even number of them: 8 of 64 pairs, 8 + 3 · 56 of 4,096 fours."""
+    """Wrong bits cancel if every column has an even number of them: 8 of 64 pairs, 8 + 3 · 56 of 4,096 quadruples."""
     measured = passes(flips, flips, tries)
     assert abs(measured - theory) <= 4 * math.sqrt(theory * (1 - theory) / tries)
 
@@ -72,7 +72,7 @@ def test_exclusive_or_turned_by_one_bit_a_byte(flips: int, theory: float, tries:
 @pytest.mark.parametrize("tries", [FEW, TRIES])
 @pytest.mark.parametrize(("wrong", "theory"), [(1, 0.0), (2, 1 / 254), (3, 253 / 254**2)])
 def test_sum_of_all_bytes(wrong: int, theory: float, tries: int) -> None:
-    """Bytes that are replaced at random, none by a DLE: the last one has to undo the others."""
+    """Bytes are replaced at random, none by a DLE; the last replacement must cancel the others."""
     codec = compile_protocol(load_protocol("df1"))
     names = Names({"check_kind": "bcc", "max_packet": 250})
     random = Random(wrong)
@@ -95,7 +95,7 @@ def test_sum_of_all_bytes(wrong: int, theory: float, tries: int) -> None:
 
 @pytest.mark.parametrize("damage", ["swapped", "inserted", "removed"])
 def test_what_a_sum_of_all_bytes_never_sees(damage: str) -> None:
-    """Two bytes that change places and bytes of 0 that come or go leave the sum as it is."""
+    """Swapped bytes, and inserted or removed bytes of 0, do not change the sum."""
     codec = compile_protocol(load_protocol("df1"))
     names = Names({"check_kind": "bcc", "max_packet": 250})
     packet = {"reply": {"dst": 0, "src": 1, "cmd": 15, "tns": 7, "data": bytes(range(0x20, 0x40)) + bytes(4)}}

@@ -22,7 +22,7 @@ def cancelling(differences: list[int], modulus: int) -> float:
 
 
 def measured(frame: bytes, first: int, count: int, decode: object) -> float:
-    """The share of frames with two wrong digits that are taken as good."""
+    """Return the share of frames with two wrong digits that are accepted."""
     random = Random(len(frame))
     taken = 0
     for _ in range(TRIES):
@@ -42,7 +42,7 @@ def assert_as_foreseen(found: float, theory: float) -> None:
 
 
 def test_a_sum_over_digits() -> None:
-    """Wrong digits cancel when their ASCII codes do: no carry ever comes out of two of them."""
+    """Wrong digits cancel if their ASCII codes do, since the sum of two of them has no carry."""
     codec = compile_protocol(load_protocol("mldp"))
     data = bytes(value for value in range(0, 240, 2))
     frame = codec.encode(
@@ -56,7 +56,7 @@ def test_a_sum_over_digits() -> None:
 
 
 def test_a_sum_over_bytes_in_digits() -> None:
-    """Of two wrong digits both have to be high ones or both low ones."""
+    """Two wrong digits cancel only if both are high digits or both are low digits."""
     codec = compile_protocol(load_protocol("modbus-ascii"))
     values = Random(5).randbytes(200)
     frame = codec.encode("reply_adu", {"station": 1, "pdu": {"read_holding_reply": {"values": values}}})

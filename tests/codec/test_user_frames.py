@@ -1,4 +1,4 @@
-"""The other user-defined frames of the guide (chapters 7 and 9): ACK, NAK and the write of its table 21, both ways."""
+"""The other user-defined frames of the guide (chapters 7 and 9), both ways: ACK, NAK and the write of table 21."""
 
 from __future__ import annotations
 

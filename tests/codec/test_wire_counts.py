@@ -56,7 +56,7 @@ def text_of(counted: str) -> str:
 
 
 def most_room(work: Callable[[], Any]) -> int:
-    """The bytes that some work takes at once."""
+    """Return the peak memory of a call, in bytes."""
     tracemalloc.start()
     try:
         work()
@@ -72,7 +72,7 @@ def refused(read: Callable[[], Any]) -> None:
 
 @pytest.mark.parametrize("title", COUNTED)
 def test_nothing_is_made_of_a_count_that_is_not_there(title: str) -> None:
-    """Decoding, the careful reading, the receiver and the reference take no more room than the few bytes need."""
+    """Decoding, `trace`, the receiver and the construct codec allocate no more memory than the present bytes need."""
     text = text_of(COUNTED[title])
     codec: Codec = compile_protocol(load_protocol_text(text, "counts"))
     data = b"\x05" + MANY.to_bytes(4, "big") + b"0123"
@@ -95,7 +95,7 @@ def test_nothing_is_made_of_a_count_that_is_not_there(title: str) -> None:
 
 @pytest.mark.parametrize("title", COUNTED)
 def test_no_more_of_a_stream_is_read_than_a_frame_may_have(title: str) -> None:
-    """A buffered file makes room for all that is asked for."""
+    """A buffered file allocates memory for all requested bytes."""
     codec = compile_protocol(load_protocol_text(text_of(COUNTED[title]), "counts"))
     asked = []
 
@@ -129,7 +129,7 @@ def test_an_item_of_a_counted_list_takes_bytes() -> None:
 
 
 def test_items_of_a_fixed_number_may_be_empty() -> None:
-    """A bit for each says whether it is there, for instance."""
+    """For instance, a bit per item gives its presence."""
     items = "{repeat: r, times: 8, of: [{field: x, type: u8, when: 'bit(k, len(r))'}]}"
     text = f"protocol: counts\nframes: {{f: {{body: [{{field: k, type: u8}}, {items}]}}}}"
     rows: list[dict[str, int]] = [{"x": 1}, {}, {"x": 3}, {}, {}, {}, {}, {}]

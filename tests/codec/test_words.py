@@ -1,4 +1,4 @@
-"""No message shows what Python says of its own accord."""
+"""No message contains the text of a Python exception."""
 
 from __future__ import annotations
 

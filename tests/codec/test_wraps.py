@@ -1,4 +1,4 @@
-"""Wraps: published vectors, every content there and back, and frames of them found in streams however these are cut."""
+"""Wraps: published vectors, round trips of any content, and wrapped frames found in streams with any cuts."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ SLIP = Escaped(AT, 0xDB, ((0xC0, 0xDC), (0xDB, 0xDD)))
 DYNAMIXEL = Inserted(AT, b"\xff\xff\xfd", b"\xfd")
 ALIKE = Inserted(AT, b"\x07\x07", b"\x07")
 SIZE = 600
-"""Of content that always has the same."""
+"""Size of the content that always has the same size."""
 CODINGS = [HDLC, SLIP, Cobs(AT), DYNAMIXEL, ALIKE]
 BYTES = bytes(range(1, 256))
 PROTOCOLS = {
@@ -127,7 +127,7 @@ TABLE = re.compile(r"^\| `(hex|cobs|\{.*?\})` \| `([0-9A-F ]+)`.*\|(.*)\|$", re.
 
 
 def test_the_table_of_the_manual() -> None:
-    """docs/language/wraps.md: the same content by each coding, and the bytes that never stand in it."""
+    """The table of docs/language/wraps.md: the same content in each coding, and the bytes that never occur in it."""
     rows = TABLE.findall(MANUAL.read_text(encoding="utf-8"))
     assert len(rows) == 8
     for wrap, wire, never in rows:
@@ -141,7 +141,7 @@ def test_the_table_of_the_manual() -> None:
 
 
 def test_content_takes_nothing_but_bytes() -> None:
-    """A number is no content: bytes(2**40) would take all memory there is."""
+    """A number is not content: bytes(2**40) would allocate all memory."""
     for body in PROTOCOLS.values():
         codec = codec_of(body)
         for wrong in (2**40, "text", None, [1]):
@@ -182,7 +182,7 @@ def test_a_wrap_takes_as_many_bytes_as_its_size_says() -> None:
     ],
 )
 def test_checks_that_wait_for_each_other_are_refused(body: str) -> None:
-    """A code over another one that is worked out only later would be wrong."""
+    """A code that covers a code computed later would be wrong."""
     with pytest.raises(DefinitionError, match="covers what comes later, and is covered itself – put it last"):
         codec_of(body)
 
@@ -193,7 +193,7 @@ def codec_of(body: str) -> Codec:
 
 @pytest.mark.parametrize("name", PROTOCOLS)
 def test_frames_are_found_however_a_stream_is_cut(name: str) -> None:
-    """All of them, in noise too that ends as a frame does; none that was not sent."""
+    """All frames are found, also in noise that ends like a frame; no other frame is found."""
     choose = random.Random(name)
     text = f"protocol: wrapped\nframes:\n  f: {{body: [{PROTOCOLS[name]}]}}\nreceiver: {{gap: 50 ms}}\n"
     codec = codec_of(PROTOCOLS[name])

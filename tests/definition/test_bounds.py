@@ -125,7 +125,7 @@ def test_digits_have_a_bound() -> None:
 
 
 def work(path: Path, frames: int, body: str) -> int:
-    """The calls that a check of so many small frames takes."""
+    """Return the number of calls of checking a definition with this number of small frames."""
     bodies = (f"  F{n}: {{body: [{body.format(high=n >> 8, low=n & 255)}]}}\n" for n in range(frames))
     path.write_text("protocol: many\nframes:\n" + "".join(bodies))
     profile = cProfile.Profile()

@@ -1,4 +1,4 @@
-"""A text read in place of a file's content: the loaders and the check of every kind of file see it."""
+"""Texts that replace the content of a file: the loaders and the check of every kind of file read them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Expressions: precedence against Python's own, literals, errors with their position, bounds."""
+"""Expressions: precedence compared with Python's, literals, errors with their position, bounds."""
 
 from __future__ import annotations
 

@@ -39,14 +39,14 @@ PLACES = (
     *(ADDED_KEYS, writing.ADDED_FUNCTIONS, TRIGGERS, brought._WORDS),
     *(brought.MODULES, generated._INLINED, writing.STEP_KEYS, methods.CHECK_KINDS),
 )
-"""Where what programs bring is put."""
+"""The registries that extension programs add to."""
 
 Bring = Callable[..., ModuleType]
 
 
 @pytest.fixture
 def bring(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bring]:
-    """Imports a module of a name and a text, again if need be; everything is as before afterwards."""
+    """Import a module with a name and a text, again if necessary; restore all registries afterwards."""
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
     before, modules = [place.copy() for place in PLACES], set(sys.modules)

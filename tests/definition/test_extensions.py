@@ -27,7 +27,7 @@ def small(tmp_path: Path) -> Iterator[Path]:
 
 
 def installed(folder: Path, monkeypatch: pytest.MonkeyPatch, module: str) -> None:
-    """Leave the metadata of a package with that extension in a folder of `sys.path`."""
+    """Write the metadata of a package with that extension to a folder of `sys.path`."""
     info = folder / "site" / "made_up-1.0.dist-info"
     info.mkdir(parents=True)
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: made-up\nVersion: 1.0\n")
@@ -72,7 +72,7 @@ def test_what_was_kept_counts_no_more_when_a_brought_module_changes(
 
 @pytest.fixture
 def counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """The kinds of files that were held against their schema, with a cache of the test's own."""
+    """Record the kinds of files that are validated by their schema, with a separate cache."""
     monkeypatch.setenv("FRAMEKIT_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(brought, "MODULES", [])
     found: list[str] = []

@@ -1,4 +1,4 @@
-"""Fingerprints: the same content is the same wherever it stands, and every difference shows."""
+"""Fingerprints: equal content has the same fingerprint at any place, and every difference changes it."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Large and strange files: their work grows with their size, their problems are counted, their numbers are bounded.
+"""Large and strange files: work grows with their size, problems are counted, numbers are bounded.
 
-Work is counted in calls of functions, which do not depend on the machine.
+Work is counted in function calls, which do not depend on the machine.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def long_expression(count: int) -> str:
 
 
 def problems_of(text: str) -> tuple[str, ...]:
-    """The problems of a definition."""
+    """Return the problems of a definition."""
     try:
         load_protocol_text(text)
     except DefinitionError as error:
@@ -76,7 +76,7 @@ def problems_of(text: str) -> tuple[str, ...]:
 
 
 def calls_of(work: Callable[[], object]) -> int:
-    """The number of calls of functions that work takes."""
+    """Return the number of function calls of some work."""
     count = 0
 
     def note(frame: FrameType, event: str, argument: Any) -> None:

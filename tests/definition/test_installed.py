@@ -1,4 +1,4 @@
-"""Entry points of installed packages: a look at metadata files decides whether the library for them is needed."""
+"""Entry points of installed packages: the library for them is imported only if a metadata file names the group."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ GROUP = "framekit.made_up"
 
 @pytest.fixture
 def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder that is all of `sys.path`, with a package of another group."""
+    """Create a folder, the only entry of `sys.path`, with a package of another entry point group."""
     other = tmp_path / "other-1.0.dist-info"
     other.mkdir()
     (other / "METADATA").write_text("Metadata-Version: 2.1\nName: other\nVersion: 1.0\n")
@@ -47,7 +47,7 @@ def test_an_archive_on_the_path_may_name_any_group(site: Path, monkeypatch: pyte
 
 def test_a_finder_of_its_own_may_name_any_group(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     class Finder:
-        """A finder of packages that are elsewhere."""
+        """A finder of packages outside of `sys.path`."""
 
         def find_distributions(self, context: object) -> list[object]:
             return []

@@ -1,4 +1,4 @@
-"""Frames that interrupt others: bytes that a fixed value never has are no hindrance."""
+"""Frames that interrupt others: bytes that cannot occur in a fixed value do not prevent it."""
 
 from __future__ import annotations
 

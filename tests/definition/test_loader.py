@@ -1,4 +1,4 @@
-"""The loader: drafts of every kind load, definitions are joined as they should be, problems come all at once."""
+"""The loader: drafts of every kind load, definitions are merged as specified, all problems are reported together."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def test_a_quoted_name_beside_values_is_a_number() -> None:
 
 
 def test_names_of_a_request_are_those_of_its_row() -> None:
-    """Two frames have a `mode` with other names; `request.mode` means the one that the row sends."""
+    """Two frames have a `mode` with different names of values; `request.mode` is that of the row's request."""
     protocol = load_protocol_text(
         """
         protocol: t

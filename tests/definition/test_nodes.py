@@ -1,4 +1,4 @@
-"""YAML to nodes: positions, texts that stay texts, and everything that is refused."""
+"""YAML to nodes: positions, texts that stay texts, and all refusals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Words of messages: lists, near misses, times for people."""
+"""Wording of messages: lists, suggestions for misspelt names, readable times."""
 
 from __future__ import annotations
 

@@ -653,7 +653,7 @@ RAW_WORDS = (
 
 
 def words_in(node: Node) -> list[str]:
-    """The texts of all scalars, keys included."""
+    """Return the texts of all scalars, keys included."""
     if isinstance(node, Scalar):
         return [node.text]
     if isinstance(node, Sequence):

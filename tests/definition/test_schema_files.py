@@ -31,7 +31,7 @@ READ: dict[str, tuple[type, ...]] = {
     "work": (ServeWork,), "block": (BlockWork, JobWork), "commands": (CommandRules,), "afterwards": (After,),
     "errors": (Errors,),
 }  # fmt: skip
-"""Definitions of the schema that are written by hand, with the classes that their keys are read into."""
+"""Handwritten definitions of the schema, with the classes that their keys are read into."""
 
 
 @pytest.mark.parametrize("name", READ)

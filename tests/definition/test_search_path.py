@@ -1,4 +1,4 @@
-"""Where definitions are found: FRAMEKIT_PATH, --path, installed packages, `../`; and the version of the language."""
+"""Search path of definitions: FRAMEKIT_PATH, --path, installed packages, `../`; and the version of the language."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ def test_a_newer_file_is_told_of_every_kind(tmp_path: Path, capsys: pytest.Captu
 def test_files_of_a_project_name_each_other_upwards(
     mark: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A run in `runs/` may name a device, points, memory and faults of its project, and files outside it never."""
+    """A run in `runs/` may refer to devices, points, memory and faults of its project, but to no file outside of it."""
     project, device = tmp_path / "project", "device: lamp\nprotocol: modbus-tcp\nstation: 1\n"
     write(
         project / "devices" / "lamp.device.yaml",

@@ -1,4 +1,4 @@
-"""Start values of state variables as lists, records and maps: conversion by type, and every problem of wrong values."""
+"""Start values of state variables as lists, records and maps: conversion by type, and every error for wrong values."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ FAULTS = "[{slot: 1, group: battery, text: AB, mark: 01 FF, late: 20 ms, on: 1, 
 def scope_of(
     folder: Path, state: dict[str, Any] | None = None, faults: str = "[]", facts: str = "{}", words: str = "{}"
 ) -> Scope:
-    """The names of a device; the file has these start values, and `state` replaces some of them."""
+    """Return the scope of a device; the file has these start values, and `state` replaces some of them."""
     text = DEFINITION.replace("FAULTS", faults).replace("FACTS", facts).replace("WORDS", words)
     file = folder / "kept.yaml"
     file.write_text(text, encoding="utf-8")
@@ -53,7 +53,7 @@ def scope_of(
 
 
 def problems_of(folder: Path, state: dict[str, Any] | None = None, **texts: str) -> list[str]:
-    """The problems of start values, without their places."""
+    """Return the problems of start values, without their places."""
     with pytest.raises(DefinitionError) as caught:
         scope_of(folder, state, **texts)
     return [f"{problem.what} – {problem.todo}" for problem in caught.value.problems]

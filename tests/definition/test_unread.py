@@ -1,4 +1,4 @@
-"""Entries that no loader has read."""
+"""Entries of a file that no loader has read."""
 
 from __future__ import annotations
 

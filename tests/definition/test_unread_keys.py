@@ -1,4 +1,4 @@
-"""Keys that no loader reads, in files that stand by themselves."""
+"""Keys that no loader reads, in stand-alone files."""
 
 from __future__ import annotations
 
