@@ -27,7 +27,7 @@ TYPES: tuple[dict[str, Any], ...] = (
     {"type": "uint", "size": 3}, {"type": "uint", "size": "§"}, {"type": "int", "size": 2},
     {"type": "hex", "size": "§"},
 )  # fmt: skip
-"""Whole numbers; a size `§` is an expression of the names at hand."""
+"""Types of whole numbers; a size `§` becomes an expression of the names in scope."""
 OTHER_TYPES: tuple[tuple[dict[str, Any], tuple[Any, ...]], ...] = (
     ({"type": "f32"}, (0.0, 1.5, -2.0)),
     ({"type": "f64", "order": "little"}, (0.0, 1e300)),
@@ -69,12 +69,12 @@ TEXT_TYPES: tuple[tuple[dict[str, Any], tuple[Any, ...]], ...] = (
     ({"type": "i16", "as": "hex"}, (0, -2)),
     ({"type": "ascii", "end": ["2C", "2A"]}, ("", "abc", "a,")),
 )
-"""Numbers as text, and a choice of ends."""
+"""Types of numbers as text, and possible delimiters."""
 LIST_TYPES = (
     *((kind, choice) for kind, choice in TEXT_TYPES if "end" not in kind and kind.get("size") != "§"),
     ({"type": "decimal", "size": 9, "decimals": "1", "exponent": "1"}, (1.5, 250, 0)),
 )
-"""Those that the items of a list may have: each says itself how many bytes it takes."""
+"""Types of list items: each must determine its own size."""
 CONDITIONS = ("§ > 3", "§ == 2", "§ != §", "§ % 2 == 0", "§ in names", "not § > 1", "§ > 1 and § < 7", "bit(§, 1)")
 NUMBERS = (
     "§", "§ + 1", "§ * 2", "§ - 1", "§ & 3", "len(¤)", "4 if § > 2 else 1", "min(§, 3)", "§ // §", "max(§, §)",
@@ -101,7 +101,7 @@ CIPHERS: tuple[dict[str, Any], ...] = (
 )  # fmt: skip
 
 SEALED = {"code": f"aes({AES_KEYS[0]}, (data + xor({IV}, {AES_KEYS[1]}))[-16:])", "width": 128}
-"""A check code that an expression gives."""
+"""A check code computed by an expression."""
 
 
 class Scope:
@@ -133,7 +133,7 @@ class DrawnDefinition:
         self.keyed = Random(f"{seed} keyed")
         self.more, self.alike = more, alike
         self.counts = Counter[str]()
-        """How many names there are by their letters, with `alike` in the present scope."""
+        """Number of names by prefix; with `alike`, in the present scope."""
         self.layouts: dict[str, Segments] = {}
         self.frames: dict[str, dict[str, Any]] = {}
         self.groups: dict[str, dict[str, Any]] = {}
@@ -166,20 +166,20 @@ class DrawnDefinition:
         return self.random.random() < share
 
     def name(self, letter: str) -> str:
-        """A name that is free in the present scope."""
+        """Return an unused name of the present scope."""
         key = letter if self.alike else ""
         self.counts[key] += 1
         return f"{letter}{self.counts[key]}"
 
     def name_of_whole(self, letter: str) -> str:
-        """The name of a layout or frame, which no other has."""
+        """Return an unused name for a layout or frame."""
         key = WHOLE if self.alike else ""
         self.counts[key] += 1
         return f"{letter}{self.counts[key]}"
 
     @contextmanager
     def scope_of_its_own(self) -> Iterator[None]:
-        """A record, an item or a frame inside: with `alike` its names begin anew."""
+        """Enter a record, an item or an inner frame: with `alike`, its names start again."""
         outside = self.counts
         if self.alike:
             self.counts = Counter({WHOLE: outside[WHOLE]})
@@ -188,7 +188,7 @@ class DrawnDefinition:
             self.counts = outside | Counter({WHOLE: self.counts[WHOLE]})
 
     def cases(self, keys: tuple[str, ...], draw: Callable[[str], Segments]) -> dict[str, Segments]:
-        """The cases of a choice: with `alike` each begins with the same names."""
+        """Return the cases of a choice: with `alike`, all start with the same names."""
         first, found = Counter(self.counts), dict[str, Segments]()
         all_counts = first
         for key in keys:
@@ -203,7 +203,7 @@ class DrawnDefinition:
         return bytes(self.random.choice(BYTES) for _ in range(size))
 
     def expression(self, holder: dict[str, Any], key: Any, text: str, scope: Scope) -> None:
-        """Puts an expression into a place; its names are chosen when all of them are known."""
+        """Set a key to an expression; its names are chosen when all names are known."""
         later = key not in ("when", "size", "choose", "times", "until") or self.chance(0.03)
         holder[key] = text if later else self._with_names(text, scope)
         if "§" in holder[key] or "¤" in holder[key]:
@@ -221,7 +221,7 @@ class DrawnDefinition:
             holder[key] = self._with_names(text, scope)
 
     def _about_frame(self, frame: dict[str, Any]) -> None:
-        """Keys of the frame itself."""
+        """Add keys of the frame itself."""
         if self.chance(0.1):
             frame["max"] = self.random.randrange(4, 40)
         if self.chance(0.07):
@@ -240,7 +240,7 @@ class DrawnDefinition:
                     frame["where"] = {first["field"]: {"build": self.some("limit", "level + 1")}}
 
     def body(self, scope: Scope, values: dict[str, Any], depth: int, kinds: tuple[str, ...] = ()) -> Segments:
-        """Some segments, the values of which are put into `values`."""
+        """Return some segments, and store their values in `values`."""
         wanted = list(kinds)
         least = 1 if depth else 2
         while len(wanted) < least or (len(wanted) < 6 and self.chance(0.55 - 0.15 * depth)):
@@ -282,18 +282,18 @@ class DrawnDefinition:
         return self.random.choice(MORE_CONDITIONS if self.more and self.chance(0.4) else CONDITIONS)
 
     def number(self) -> str:
-        """An expression that gives a number."""
+        """Return an expression that gives a number."""
         return self.random.choice(MORE_NUMBERS if self.more and self.chance(0.4) else NUMBERS)
 
     def type(self, scope: Scope) -> dict[str, Any]:
-        """Keys of a whole number."""
+        """Return the keys of a whole number."""
         found = dict(self.random.choice(TYPES))
         if found.get("size") == "§":
             self.expression(found, "size", self.random.choice(SIZES), scope)
         return found
 
     def numbered(self, holder: dict[str, Any], scope: Scope) -> None:
-        """The type of a number, put into its segment: an expression in it must be that of the segment."""
+        """Add the type of a number to its segment, which an expression in it refers to."""
         kind = dict(self.random.choice(TYPES))
         holder |= kind
         if kind.get("size") == "§":
@@ -611,7 +611,7 @@ def include(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth:
 
 
 def _nest(drawn: DrawnDefinition, layout: str, values: dict[str, Any]) -> None:
-    """Lets a layout stand in itself, in a list or where a field says so."""
+    """Make a layout contain itself: in a list, or if a field is set."""
     again = {"include": layout, "as": "again", "depth": drawn.apart.choice([2, 3])}
     drawn.used.add(("include", "depth"))
     flat = {**values}
@@ -666,7 +666,7 @@ def wrap(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: in
 
 
 def coded(drawn: DrawnDefinition, segment: dict[str, Any], scope: Scope) -> Segments:
-    """The wrap with another coding, and what shows its end: a constant that cannot stand in it, or a length."""
+    """Return the wrap with another coding, and a segment for its end: a constant that it cannot hold, or a length."""
     if drawn.keyed.random() < 0.2:
         return ciphered(drawn, segment, scope)
     if drawn.apart.random() < 0.2:
@@ -795,6 +795,6 @@ DRAWN: Mapping[str, Draw] = {
     "repeat": repeat, "choose": choose, "optional": optional, "include": include, "inner": inner, "wrap": wrap,
     "check": check, "skip": skip, "value": value, "require": require,
 }  # fmt: skip
-"""Of every kind of segment: draws one, with what belongs to it."""
+"""For every kind of segment, a function that draws it with the segments it needs."""
 HOLDERS = ("repeat", "count", "choose", "optional", "include", "inner", "wrap")
 LEAVES = ("field", "field", "field", *(kind for kind in DRAWN if kind not in HOLDERS))

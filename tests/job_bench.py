@@ -1,4 +1,4 @@
-"""A run with jobs on the virtual clock, with a simulated device for each host and its bits and words noted."""
+"""A run with jobs on the virtual clock, with a simulated device for each host and a record of bits and words."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ memory: {{areas: {{holding: {{unit: word, size: 200}}}}, set: {{holding0: [{valu
 
 
 def write_device(folder: Path, name: str, values: str = "11, 12, 13, 14", more: str = "") -> None:
-    """A device that answers at once."""
+    """Write a device that answers at once."""
     (folder / f"{name}.device.yaml").write_text(FAR.format(values=values, more=more), encoding="utf-8")
 
 
@@ -58,18 +58,18 @@ class Bench:
         self.memory.write(area, "word", first, list(values))
 
     def bits(self, area: str = "P", first: int = 0) -> tuple[int, ...]:
-        """The status bits that are on."""
+        """Return the numbers of the status bits that are set."""
         words = self.words(area, first, 5)
         return tuple(16 * index + bit + 1 for index, word in enumerate(words) for bit in range(16) if word >> bit & 1)
 
     def counts(self, number: int) -> tuple[int, int, int]:
-        """Started, done, failed of a block."""
+        """Return the counters of a block: started, done, failed."""
         counters = self.service.states[number]
         return counters.started, counters.done, counters.failed
 
 
 def bench(folder: Path, text: str, **more: object) -> Bench:
-    """A run of this text."""
+    """Return a bench for a run with this text."""
     path = folder / "r.run.yaml"
     path.write_text(text, encoding="utf-8")
     return Bench(path, **more)  # type: ignore[arg-type]

@@ -87,7 +87,7 @@ class JobWorld:
         return self.command("job", slot, order=order, **({} if status == "" else {"status": status}))
 
     def end(self, slot: int, failure: Failure | None = None) -> None:
-        """The transfer of a slot ends now."""
+        """End the transfer of a slot now."""
         at = next(index for index, (_, attempt) in enumerate(self.running) if attempt.slot == slot)
         _, attempt = self.running.pop(at)
         self.finish(attempt, failure)
@@ -99,7 +99,7 @@ class JobWorld:
         self.table.ended(attempt, failure, self.now, store)
 
     def run(self, until: int) -> None:
-        """Time goes on to `until`; transfers of a fixed length end by themselves."""
+        """Advance time to `until`; transfers of a fixed duration end by themselves."""
         while True:
             ending = min((at for at, _ in self.ends), default=NEVER)
             due = min(self.table.deadline, ending)
@@ -116,17 +116,17 @@ class JobWorld:
         self.now = until
 
     def bits(self) -> tuple[int, ...]:
-        """The bits that are on."""
+        """Return the bits that are set."""
         shown = [note[2] for note in self.notes if note[0] == "bits"]
         return shown[-1] if shown else ()
 
     def words(self, text: str) -> list[int]:
-        """Everything that was written to a word, in order."""
+        """Return all values that were written to a word, in order."""
         return [note[3] for note in self.notes if note[0] == "words" and note[2] == text]
 
 
 def profile_with(folder: Path, old: str, new: str) -> JobProfile:
-    """The shipped profile with something else in it."""
+    """Return the shipped profile with a replacement in its text."""
     shipped = file_of("ge-channels.jobs.yaml")
     text = shipped.read_text(encoding="utf-8")
     assert old in text

@@ -1,4 +1,4 @@
-"""Faults on a simulated line by chance, for tests: bits, characters, whole transmissions."""
+"""Random faults on a simulated line, for tests: bits, characters, whole transmissions."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from framekit.transport.simulated_line import Transmission, hits
 
 
 def lose(transmission: Transmission, index: int) -> None:
-    """A character is not heard; the others keep their times."""
+    """Lose a character; the others keep their times."""
     _shift(transmission, index + 1, -1)
     del transmission.data[index]
     if index < len(transmission.data):
@@ -79,7 +79,7 @@ class Faults:
             transmission.pause(0, self._of("delay").randint(0, self.delay))
 
     def _of(self, kind: str) -> Random:
-        """Chance, apart for each kind of fault."""
+        """Return the random generator of a kind of fault."""
         if kind not in self._random:
             self._random[kind] = Random(f"{self.seed}/{kind}")
         return self._random[kind]

@@ -1,7 +1,7 @@
-"""The reference for generated code: every frame of a protocol, compiled a second time to constructs of constructs.
+"""The reference for generated code: every frame of a protocol, compiled a second time to constructs.
 
-`compile_construct` makes them from the model. It shares no code with the Python compiler but plain functions for
-digits, conversions and check methods.
+`compile_construct` makes the constructs from the model. It shares no code with the Python compiler except plain
+functions for digits, conversions and check methods.
 """
 
 from construct_oracle.codec import ConstructCodec

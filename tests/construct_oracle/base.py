@@ -33,7 +33,7 @@ from framekit.definition.model.segments import (
 
 
 def value_names(segment: Segment) -> tuple[str, ...]:
-    """The names of the values that a segment itself gives its record."""
+    """Return the names of the values that the segment itself adds to its record."""
     if isinstance(segment, Bits):
         return tuple(part.name for part in segment.parts)
     valued = (Field, Data, Length, Count, Repeat, Record, Inner, Nested, Value)
@@ -41,7 +41,7 @@ def value_names(segment: Segment) -> tuple[str, ...]:
 
 
 def named_segments(segments: tuple[Segment, ...]) -> list[Segment]:
-    """The segments whose values belong to one record, also those in wraps, choices and optional parts."""
+    """Return the segments whose values belong to one record, including those in wraps, choices and optional parts."""
     found: list[Segment] = []
     for segment in segments:
         found.append(segment)
@@ -55,7 +55,7 @@ def named_segments(segments: tuple[Segment, ...]) -> list[Segment]:
 
 
 def names_of(segments: tuple[Segment, ...]) -> set[str]:
-    """The names of all values of these segments."""
+    """Return the names of all values of these segments."""
     return {name for segment in named_segments(segments) for name in value_names(segment)}
 
 
@@ -84,18 +84,18 @@ class SegmentConstruct(Construct):
     # ---- to be written by subclasses ----------------------------------------------------------------------
 
     def read(self, stream: BytesIO, context: Container, path: str, place: Place) -> None:
-        """Reads the segment, which is there."""
+        """Read the segment, which is present."""
         raise NotImplementedError
 
     def write(self, filling: Filling, stream: BytesIO, context: Container, path: str) -> None:
-        """Writes the segment, which is there."""
+        """Write the segment, which is present."""
         raise NotImplementedError
 
     def read_absent(self, context: Container, place: Place) -> None:
         """Store the value of an absent segment, if any."""
 
     def refuse_absent(self, filling: Filling, name: str) -> None:
-        """Refuses the value `name` that was given although the segment is not there. Raises EncodeError."""
+        """Refuse a value `name` that was given for an absent segment. Raises EncodeError."""
         given = filling.given_of(name)
         if given is not None:
             raise filling.error(name, f"'{name}' is not part of this frame, but {given!r} is given")
@@ -131,7 +131,7 @@ class SegmentConstruct(Construct):
         return obj
 
     def holds(self, filling: Filling) -> bool:
-        """Whether the segment's own `when` holds for these values."""
+        """Return whether the segment's own `when` is true for these values."""
         when = self.segment.when
         return when is None or bool(filling.compute(when, self.label))
 
@@ -142,11 +142,11 @@ class ValueSegment(SegmentConstruct):
     name: str
 
     def fill(self, filling: Filling, name: str) -> Any:
-        """The value to build: given or computed. Raises EncodeError, Absent."""
+        """Return the value to build, given or computed. Raises EncodeError, Absent."""
         raise NotImplementedError
 
     def refuse_other(self, filling: Filling, value: Any) -> None:
-        """Refuses a given value that is not the computed one. Raises EncodeError."""
+        """Refuse a given value that differs from the computed value. Raises EncodeError."""
         given = filling.given_of(self.name)
         if given is not MISSING and given != value:
             raise filling.error(self.name, f"'{self.name}' is computed as {value!r}, not {given!r}")

@@ -31,8 +31,8 @@ from framekit.definition.model.segments import Check
 class CheckConstruct(SegmentConstruct):
     """A check code over everything before it, over named segments, or over a span of them.
 
-    Parsing compares when the whole frame is read and notes `check` for a wrong one (unless `verify` says otherwise).
-    Building leaves room and fills the code in when everything around is there.
+    Parsing compares after the whole frame is read, and notes `check` for a wrong code (unless `verify` disables it).
+    Building reserves the bytes and writes the code after all covered segments.
     """
 
     segment: Check
@@ -108,7 +108,7 @@ class CheckConstruct(SegmentConstruct):
     def _covered(
         self, state: State, context: Container, before: bytes, stream: BytesIO, leaves: int, value_of: Evaluate
     ) -> bytes:
-        """The bytes the code is computed over; `before` and `leaves` are those before the check."""
+        """Return the bytes that the code covers; `before` and `leaves` are the bytes before the check."""
         if self.segment.covers is None:
             return before
         here = Mark(leaves, leaves, 0, len(before))
@@ -131,13 +131,13 @@ class CheckConstruct(SegmentConstruct):
         return state.bytes_of(begin.first, end.last)
 
     def _mentioned(self) -> tuple[str, ...]:
-        """The names of the segments that are covered."""
+        """Return the names of the covered segments."""
         return *self.segment.names, *self.segment.edges
 
     # ---- how it is written --------------------------------------------------------------------------------
 
     def written(self, code: int) -> bytes:
-        """The code on the wire. Raises OverflowError or ValueError when it does not fit its size."""
+        """Return the wire form of the code. Raises OverflowError or ValueError if it does not fit its size."""
         check, little = self.segment, self.segment.order == "little"
         if check.form == "raw":
             return code.to_bytes(check.size, check.order)
@@ -149,7 +149,7 @@ class CheckConstruct(SegmentConstruct):
         return digits.lower() if check.form == "hex" else digits
 
     def _number(self, data: bytes) -> int | None:
-        """The code that bytes from the wire mean; None if they mean none."""
+        """Return the code that the wire bytes represent, or None if they are invalid."""
         check, little = self.segment, self.segment.order == "little"
         try:
             if check.form == "raw":
@@ -164,7 +164,7 @@ class CheckConstruct(SegmentConstruct):
 
 
 def _added(part: Added, value: Any) -> bytes:
-    """Bytes that are not on the wire."""
+    """Return covered bytes that are not transmitted."""
     if part.type is None:
         if not isinstance(value, (bytes, bytearray)):
             raise TypeError("no bytes")
@@ -173,7 +173,7 @@ def _added(part: Added, value: Any) -> bytes:
 
 
 def code_of(method: CheckMethod, data: bytes, names: Names) -> int:
-    """The check code of `data`; a fold's expression is worked out byte by byte."""
+    """Return the check code of `data`; the expression of a fold is evaluated byte by byte."""
     if method.expression is None:
         return compute(method, data)
     mask, code = (1 << method.width) - 1, method.initial

@@ -15,8 +15,8 @@ from construct_oracle.names import CONTEXT_KEY
 class ConstructCodec:
     """The frames and layouts of a protocol as constructs.
 
-    `frames` and `layouts` are for use in other constructs, with the context as keyword arguments; `decode` and `encode`
-    take it as a mapping. Without one, constant start values of parameters and state are used.
+    `frames` and `layouts` can be used in other constructs, with the context as keyword arguments; `decode` and `encode`
+    take it as a mapping. Without a context, constant start values of parameters and state are used.
     """
 
     def __init__(self, frames: Mapping[str, FrameConstruct], layouts: Mapping[str, FrameConstruct]) -> None:
@@ -24,19 +24,22 @@ class ConstructCodec:
         self.layouts: dict[str, Construct] = dict(layouts)
 
     def decode(self, frame: str, data: bytes, ctx: Mapping[str, Any] | None = None) -> dict[str, Any]:
-        """The values of a frame; `data` is exactly one. Raises FrameError, and KeyError for an unknown frame."""
+        """Return the values of a frame; `data` is exactly one frame.
+
+        Raises FrameError, and KeyError for an unknown frame.
+        """
         return self._decode(self.frames[frame], data, ctx)
 
     def encode(self, frame: str, fields: Mapping[str, Any], ctx: Mapping[str, Any] | None = None) -> bytes:
-        """The bytes of a frame. Raises EncodeError, and KeyError for an unknown frame."""
+        """Return the bytes of a frame. Raises EncodeError, and KeyError for an unknown frame."""
         return self._encode(self.frames[frame], fields, ctx)
 
     def decode_layout(self, layout: str, data: bytes, ctx: Mapping[str, Any] | None = None) -> dict[str, Any]:
-        """The values of a layout. Raises FrameError."""
+        """Return the values of a layout. Raises FrameError."""
         return self._decode(self.layouts[layout], data, ctx)
 
     def encode_layout(self, layout: str, fields: Mapping[str, Any], ctx: Mapping[str, Any] | None = None) -> bytes:
-        """The bytes of a layout. Raises EncodeError."""
+        """Return the bytes of a layout. Raises EncodeError."""
         return self._encode(self.layouts[layout], fields, ctx)
 
     @staticmethod
@@ -55,7 +58,7 @@ class ConstructCodec:
 
 
 def plain(value: Any) -> Any:
-    """Containers as plain dictionaries and lists."""
+    """Return containers as plain dictionaries and lists."""
     if isinstance(value, Mapping):
         return {name: plain(item) for name, item in value.items()}
     return [plain(item) for item in value] if isinstance(value, list) else value

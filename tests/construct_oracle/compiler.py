@@ -1,4 +1,4 @@
-"""From the model of a protocol to constructs: one for every frame and every layout, and the codec made of them."""
+"""Compile the model of a protocol to constructs: one for every frame and every layout, and a codec of them."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ _PLAIN: dict[type[model.Segment], type[SegmentConstruct]] = {
 
 
 def compile_construct(protocol: Protocol) -> ConstructCodec:
-    """Constructs for everything in `protocol` that stands on a line or in bytes."""
+    """Return constructs for all frames and layouts of the protocol."""
     compiler = _Compiler(protocol)
     for frame in protocol.frames.values():
         compiler.frames[frame.name] = compiler.frame(frame)
@@ -89,7 +89,7 @@ class _Compiler:
         return FrameConstruct(frame, (sections[0], sections[1], sections[2]), plan, self.sizes, self.known)
 
     def list(self, segments: tuple[model.Segment, ...], plan: Plan, conditions: tuple[Condition, ...]) -> Segments:
-        """Constructs of segments that belong to the record of `plan` while `conditions` hold."""
+        """Return constructs of segments that belong to the record of `plan` while `conditions` are true."""
         return Segments(tuple(self.segment(segment, plan, conditions) for segment in segments))
 
     def segment(self, segment: model.Segment, plan: Plan, conditions: tuple[Condition, ...]) -> SegmentConstruct:
@@ -163,7 +163,7 @@ class _Compiler:
         return construct
 
     def _embedded(self, wrap: model.Wrap, data: bytes, names: Names) -> int | None:
-        """How many bytes of `data` a frame takes that begins there and may stand inside the wrap."""
+        """Return the size of the frame at the start of `data`, if it is a frame allowed inside the wrap."""
         for name in wrap.inside:
             outcome = self.frames[name].read(data, names, Container(), name, exact=False)
             if outcome.fault is None:

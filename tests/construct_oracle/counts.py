@@ -16,10 +16,10 @@ from framekit.definition.model.segments import Count, Length
 
 
 class Computed(ValueSegment):
-    """A number that follows from other segments: a length or a count.
+    """A number computed from other segments: a length or a count.
 
-    Parses to the number, and when everything is read notes `length` if the others do not agree; `range` and `digits`
-    as for a field. Builds the number computed, and refuses another one that is given.
+    Parses to the number, and notes `length` after everything is read if the other segments disagree; `range` and
+    `digits` as for a field. Builds the computed number, and refuses another given number.
     """
 
     segment: Length | Count
@@ -71,7 +71,7 @@ class Computed(ValueSegment):
 
 
 class LengthConstruct(Computed):
-    """How much room the named segments take; see `Computed`."""
+    """The size of the named segments; see `Computed`."""
 
     segment: Length
 
@@ -96,7 +96,7 @@ class LengthConstruct(Computed):
 
 
 class CountConstruct(Computed):
-    """How many items the named list has; see `Computed`."""
+    """The number of items of the named list; see `Computed`."""
 
     segment: Count
 

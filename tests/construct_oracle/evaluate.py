@@ -1,4 +1,4 @@
-"""Expressions worked out directly on their tree, as the reference that the emitted ones are held against."""
+"""Evaluate expressions directly on their tree, as the reference for emitted expressions."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _UNARY: dict[str, Callable[[Any], Any]] = {"-": operator.neg, "~": operator.inve
 
 
 BYTES_OF = "bytes of "
-"""Begins the word (no name of the language) under which a lookup has the number of bytes of a frame inside."""
+"""Prefix of the lookup name (not a name of the language) for the size of an inner frame."""
 
 
 def _is_frame(value: Any) -> bool:
@@ -51,7 +51,7 @@ def _is_frame(value: Any) -> bool:
 
 
 def evaluate(node: Node, lookup: Lookup) -> Any:
-    """The value of `node` with names from `lookup`. Raises one of EVALUATION_ERRORS, or MissingName."""
+    """Return the value of `node` with names from `lookup`. Raises one of EVALUATION_ERRORS, or MissingName."""
     match node:
         case syntax.Real(value=value, is_float=is_float):
             return float(value) if is_float else value
@@ -113,7 +113,7 @@ def _compare(left: Any, rest: tuple[tuple[str, Node], ...], lookup: Lookup) -> A
 
 
 def _logic(word: str, operands: tuple[Node, ...], lookup: Lookup) -> Any:
-    """`and` gives the first false operand, `or` the first true one, else the last."""
+    """Return the first false operand of `and`, the first true operand of `or`, else the last operand."""
     value: Any = None
     for operand in operands:
         value = evaluate(operand, lookup)

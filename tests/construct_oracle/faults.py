@@ -50,7 +50,7 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One thing wrong at a place; `cause` as in `FrameError`."""
+    """A fault at a place; `cause` as in `FrameError`."""
 
     place: Place
     cause: str
@@ -59,7 +59,7 @@ class Fault:
 
 
 class Faults:
-    """Collects the faults of one frame and says which one counts."""
+    """Collect the faults of a frame and select the decisive fault."""
 
     def __init__(self) -> None:
         self.noted: list[Fault] = []
@@ -69,17 +69,17 @@ class Faults:
         self.noted.append(Fault(place, cause, text_of(expected), text_of(found)))
 
     def verdict(self) -> Fault | None:
-        """The fault that counts: a wrong check before all others, else the first one in the frame."""
+        """Return the decisive fault: a wrong check code before all others, else the first fault in the frame."""
         wrong_checks = [fault for fault in self.noted if fault.cause == "check"]
         return min(wrong_checks or self.noted, key=lambda fault: (fault.place.offset, fault.place.order), default=None)
 
     def refusal(self, fault: Fault) -> int | None:
-        """The code `fault` is to be answered with: only when every check was there and right."""
+        """Return the refusal code for `fault`: only if every check code was present and right."""
         return None if fault.cause == "check" or self.unchecked else fault.place.refuse
 
 
 def text_of(value: object) -> str:
-    """A short text for a message: bytes as hex pairs."""
+    """Return a short text for a message: bytes as hex pairs."""
     if isinstance(value, (bytes, bytearray)):
         shown = bytes(value[:8]).hex(" ").upper()
         return f"{shown} …" if len(value) > 8 else shown

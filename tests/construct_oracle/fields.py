@@ -1,4 +1,4 @@
-"""Segments that hold numbers or texts of their own: fields and bits, and how their values stand for wire numbers."""
+"""Segments with numbers or texts of their own: fields and bits; conversion between values and wire numbers."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from framekit.definition.model.segments import Bits, BitsPart, Field
 class FieldConstruct(ValueSegment):
     """One value: a number, a text or bytes.
 
-    Parses to the value and notes `digits` (no such number), `where` (not one of its constants), `value` (not what `is`
-    computes, or without a name where only names may be) and `range`. Builds the value given, else computed.
+    Parses to the value and notes `digits` (invalid number), `where` (not one of its constants), `value` (not the result
+    of `is`, or without a name if only names are allowed) and `range`. Builds the given value, else the computed value.
     """
 
     segment: Field
@@ -116,7 +116,7 @@ class FieldConstruct(ValueSegment):
         raise filling.error(name, f"'{name}' is missing")
 
     def _meant(self, value: Any, filling: Filling) -> Any:
-        """A value of the field's type; names of numbers become the numbers. Raises EncodeError."""
+        """Return a value of the field's type; names of numbers become the numbers. Raises EncodeError."""
         field = self.segment
         if value is None and not filling.is_there(self.name):
             return None
@@ -172,9 +172,10 @@ def measured_value(segment: Field | Bits, name: str, filling: Filling, stream: B
 
 
 class BitsConstruct(SegmentConstruct):
-    """A number cut into named bits, each a value of the record.
+    """A number divided into named bits, each a value of the record.
 
-    Parses every part and notes `where` and `value` as for fields. Builds the parts given or computed, 0 without either.
+    Parses every part and notes `where` and `value` as for fields. Builds the given or computed parts, 0 for other
+    parts.
     """
 
     segment: Bits

@@ -27,7 +27,7 @@ MISSING: Any = object()
 
 
 class Circular(Exception):  # noqa: N818 - caught where a value may do without, else turned into an error
-    """A value that is computed from itself; `name` is its path."""
+    """A value that depends on itself; `name` is its path."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -35,17 +35,17 @@ class Circular(Exception):  # noqa: N818 - caught where a value may do without, 
 
 
 class Absent(KeyError):  # noqa: N818 - a KeyError for expressions, a signal for others
-    """A value whose segment is not there."""
+    """A value whose segment is absent."""
 
 
 class Owner(Protocol):
-    """A segment's construct, as far as a filling uses it."""
+    """The interface of a segment's construct that a filling uses."""
 
     def fill(self, filling: Filling, name: str) -> Any:
-        """The value of `name`, given or computed. Raises EncodeError, Absent."""
+        """Return the value of `name`, given or computed. Raises EncodeError, Absent."""
 
     def refuse_absent(self, filling: Filling, name: str) -> None:
-        """Refuses the given value `name` of an absent segment. Raises EncodeError."""
+        """Refuse a value `name` that was given for an absent segment. Raises EncodeError."""
 
     def _build(self, obj: Any, stream: Any, context: Any, path: str) -> Any: ...
 
@@ -109,7 +109,7 @@ class Filling(Mapping[str, Any]):
     # ---- values -------------------------------------------------------------------------------------------
 
     def __getitem__(self, name: str) -> Any:
-        """The value of a field. Raises EncodeError, Circular, and Absent when its segment is not there."""
+        """Return the value of a field. Raises EncodeError, Circular, and Absent if its segment is absent."""
         if name not in self._done:
             if name in self._running:
                 raise Circular(self.path + name)
@@ -138,7 +138,7 @@ class Filling(Mapping[str, Any]):
         return parts[0].construct if len(parts) == 1 else self._meant(parts, name).construct
 
     def _meant(self, parts: list[Part], name: str) -> Part:
-        """The one that is there, else one that its holder has and that may have a default. Raises Absent."""
+        """Return the present part, else a part whose holders are present and that may have a default. Raises Absent."""
         held = [part for part in parts if part.is_held(self)]
         if not held:
             raise Absent(name)
@@ -147,14 +147,14 @@ class Filling(Mapping[str, Any]):
         return next((part for part in held if part.when is None or part.when(self)), held[0])
 
     def _part(self, parts: list[Part], name: str) -> Part:
-        """The one that is there. Raises Absent."""
+        """Return the present part. Raises Absent."""
         for part in parts:
             if part.is_there(self):
                 return part
         raise Absent(name)
 
     def is_there(self, name: str) -> bool:
-        """Whether the segment of a value is part of the frame."""
+        """Return whether the segment of a value is part of the frame."""
         try:
             self._part(self.plan.values[name], name)
         except Absent:
@@ -162,11 +162,11 @@ class Filling(Mapping[str, Any]):
         return True
 
     def is_held(self, name: str) -> bool:
-        """Whether what holds a value is there: its case is the chosen one, say."""
+        """Return whether all holders of a value are present; for example, whether its case is the chosen case."""
         return any(part.is_held(self) for part in self.plan.values[name])
 
     def refuse_absent(self) -> None:
-        """Refuses given values whose segments are not there. Raises EncodeError."""
+        """Refuse values that were given for absent segments. Raises EncodeError."""
         for name, value in self.given.items():
             if not self.is_there(name):
                 try:
@@ -203,7 +203,7 @@ class Filling(Mapping[str, Any]):
             return MISSING
 
     def value_or_nothing(self, name: str) -> Any:
-        """The value of a field as expressions see it. Raises EncodeError, Circular."""
+        """Return the value of a field for expressions. Raises EncodeError, Circular."""
         try:
             return self[name]
         except Absent:
@@ -212,7 +212,10 @@ class Filling(Mapping[str, Any]):
     # ---- expressions --------------------------------------------------------------------------------------
 
     def evaluate(self, expression: Expression, own: str = "") -> Any:
-        """The expression's value; the name `own` means something outside this record. Raises EVALUATION_ERRORS too."""
+        """Return the value of an expression; the name `own` refers to the outer record.
+
+        Also raises EVALUATION_ERRORS.
+        """
 
         def lookup(name: str) -> Any:
             if name.startswith(BYTES_OF):
@@ -242,7 +245,7 @@ class Filling(Mapping[str, Any]):
         return filling.words[name]
 
     def compute(self, expression: Expression, own: str) -> Any:
-        """The value an expression gives the field `own`. Raises EncodeError when it can't be worked out."""
+        """Return the value of an expression of the field `own`. Raises EncodeError if it cannot be evaluated."""
         try:
             return self.evaluate(expression, own)
         except ConstructEncodeError:
@@ -272,13 +275,13 @@ class Filling(Mapping[str, Any]):
         return filling is not None
 
     def error(self, name: str, message: str) -> ConstructEncodeError:
-        """An EncodeError for a field of this record."""
+        """Return an EncodeError for a field of this record."""
         return ConstructEncodeError(self.path + name, message)
 
     # ---- sizes --------------------------------------------------------------------------------------------
 
     def size_of(self, name: str, plain: bool = False) -> int:
-        """Bytes a segment takes: on the wire, or before conversion. 0 if it is not there."""
+        """Return the size of a segment in bytes, on the wire or before conversion; 0 if it is absent."""
         stream, context = self._scratch()
         self._build_segment(name, stream, context)
         if not plain:
@@ -286,7 +289,7 @@ class Filling(Mapping[str, Any]):
         return sum(leaf.plain for leaf in context._state.leaves)
 
     def size_of_frame(self, name: str) -> int:
-        """Bytes of a frame inside, of this record or one around it. Raises KeyError where there is none."""
+        """Return the size of an inner frame of this record or an outer record. Raises KeyError if it is missing."""
         filling: Filling | None = self
         while filling is not None and name not in filling.plan.values:
             filling = filling.outer
@@ -295,14 +298,14 @@ class Filling(Mapping[str, Any]):
         return filling.size_of(name)
 
     def size_of_all(self, constructs: Iterable[Owner]) -> int:
-        """Bytes that segments of this record take together."""
+        """Return the total size of segments of this record."""
         stream, context = self._scratch()
         for construct in constructs:
             construct._build(self, stream, context, "(measuring)")
         return stream.tell()
 
     def bytes_of(self, name: str) -> bytes:
-        """The bytes of a segment, as they are inside its wrap."""
+        """Return the bytes of a segment before its wrap is applied."""
         stream, context = self._scratch()
         self._build_segment(name, stream, context)
         state: Writing = context._state

@@ -39,14 +39,14 @@ _DIGITS = {
 
 
 class FormError(construct.ConstructError):
-    """Bytes that are no such number or text, or a value that has no such form."""
+    """Bytes that are not a valid number or text, or a value without such a form."""
 
 
 class Digits(Adapter):
     """A number in ASCII digits of base 16, 10 or 8.
 
-    Parses digits of either case into an `int`; builds exactly as many places. Raises FormError for other characters,
-    negative numbers and numbers with too many digits.
+    Parses digits of either case into an `int`; builds exactly this number of places. Raises FormError for other
+    characters, negative numbers and numbers with too many digits.
     """
 
     def __init__(self, places: int, base: int, order: Order, upper: bool) -> None:
@@ -70,7 +70,7 @@ class Digits(Adapter):
 
 
 class Bcd(Adapter):
-    """A number with two decimal digits in every byte.
+    """A number with two decimal digits per byte.
 
     Parses into an `int`, builds `size` bytes. Raises FormError for half bytes above 9 and for numbers that do not fit.
     """
@@ -218,7 +218,7 @@ class DecimalText(Adapter):
 
 
 class UpTo(Construct):
-    """Bytes up to `end`, wherever it stands (`NullTerminated` looks only at whole multiples of its size)."""
+    """Bytes up to `end` at any offset (`NullTerminated` examines only multiples of its size)."""
 
     def __init__(self, end: bytes) -> None:
         super().__init__()
@@ -236,7 +236,10 @@ class UpTo(Construct):
 
 
 class TerminatedText(Adapter):
-    """Latin-1 text up to the bytes `end`, which are read with it. Builds both; raises FormError for `end` inside."""
+    """Latin-1 text up to the bytes `end`, which are read, too.
+
+    Builds both; raises FormError if the text contains `end`.
+    """
 
     def __init__(self, end: bytes) -> None:
         super().__init__(UpTo(end))
@@ -255,7 +258,7 @@ class TerminatedText(Adapter):
 
 
 class Scaled(Adapter):
-    """A number times a scale, and an offset more: a `Decimal`. Raises FormError for what no number comes to."""
+    """A number times a scale plus an offset: a `Decimal`. Raises FormError for values that no number gives."""
 
     def __init__(self, inside: Construct, scale: Scale, bounds: tuple[int, int] | None) -> None:
         super().__init__(inside)
@@ -277,7 +280,7 @@ class Scaled(Adapter):
 
 
 class HexText(Adapter):
-    """What another form has in bytes, as two hex digits each. Raises FormError for other characters."""
+    """The bytes of another form as two hex digits each. Raises FormError for other characters."""
 
     def __init__(self, inside: Construct, size: int, upper: bool) -> None:
         super().__init__(Bytes(size))
@@ -295,7 +298,7 @@ class HexText(Adapter):
 
 
 class NoDigits(Adapter):
-    """A number of no bytes, which a computed size may ask for: parses as 0. Raises FormError for other numbers."""
+    """A number of no bytes, which a computed size may require: parses as 0. Raises FormError for other numbers."""
 
     def __init__(self) -> None:
         super().__init__(Bytes(0))
@@ -336,7 +339,7 @@ def form_of(type_: FieldType, size: int) -> Construct:
 
 
 def _ordered(form: Construct, size: int, order: Order) -> Construct:
-    """A big-endian form with its bytes put into `order`; mid-endian orders are beyond construct's own classes."""
+    """Return a big-endian form with its bytes reordered; construct has no classes for mid-endian orders."""
     if order == "big":
         return form
 

@@ -28,7 +28,7 @@ from framekit.definition.model.segments import Const, Segment
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What reading came to: the values, the bytes taken, and the fault that counts with its refusal."""
+    """The result of reading: values, number of bytes, and the decisive fault with its refusal."""
 
     values: Container
     size: int
@@ -37,7 +37,7 @@ class Outcome:
 
     @property
     def is_usable(self) -> bool:
-        """Good, or to be refused."""
+        """Return whether the frame is good or to be refused."""
         return self.fault is None or self.refuse is not None
 
 
@@ -94,7 +94,7 @@ class FrameConstruct(Construct):
     # ---- parsing ------------------------------------------------------------------------------------------
 
     def read(self, data: bytes, names: Names, outer: Container, path: str, exact: bool = True) -> Outcome:
-        """Reads a frame from the start of `data`; `exact`: it must be all of it."""
+        """Read a frame from the start of `data`; `exact`: the frame must take all of it."""
         stream = BytesIO(data)
         reading = Reading(names, self.sizes, Region(len(data), exact))
         context = open_context(outer, reading, stream, self.declared, is_frame=True)
@@ -143,12 +143,12 @@ class FrameConstruct(Construct):
 
     @property
     def end_mark(self) -> bytes:
-        """The first byte of the tail's first constant, where a delimited body ends."""
+        """Return the first byte of the tail's first constant, which ends a delimited body."""
         first = next((item.segment for item in self.tail.subcons if isinstance(item.segment, Const)), None)
         return b"" if first is None else first.data[:1]
 
     def _read_bounded(self, end: int, stream: BytesIO, reading: Reading, context: Container, path: str) -> None:
-        """Reads a body that ends at `end`; with a wrong content, too."""
+        """Read a body that ends at `end`, also if its content is wrong."""
         with reading.within(Region(end, exact=self.frame.size is None)):  # else something fills it up
             try:
                 self.body._parse(stream, context, path)
@@ -175,7 +175,7 @@ class FrameConstruct(Construct):
     # ---- building -----------------------------------------------------------------------------------------
 
     def to_bytes(self, values: Any, names: Names, outer: Container, path: str, prefix: str = "") -> bytes:
-        """The frame of these values; `prefix` stands before the names of its fields in errors."""
+        """Return the frame of these values; `prefix` precedes the names of its fields in errors."""
         if not isinstance(values, Mapping):
             raise ConstructEncodeError(prefix.rstrip("."), f"a frame is made of a mapping, not of {values!r}", path)
         try:
@@ -204,7 +204,7 @@ class FrameConstruct(Construct):
 
     @property
     def open_texts(self) -> list[Segment]:
-        """Texts that end before one of several bytes, and are followed by other segments, or stand in others."""
+        """Return texts with stop bytes that are followed by other segments or contained in others."""
         behind = [one for one in in_place_of_records(self.frame.segments) if one.takes_bytes]
         inside = [one for one in everything(self.frame.segments) if one not in behind]
         return [one for one in (*behind[:-1], *inside) if one.number_type is not None and one.number_type.stops]

@@ -1,4 +1,4 @@
-"""Segments that hold others: lists of segments, records, repeats, choices, optional parts."""
+"""Segments that contain segments: sequences, records, repeats, choices, optional parts."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ from framekit.definition.model.segments import (
 
 
 class Segments(Construct):
-    """Segments one after the other; their values belong to the record around.
+    """A sequence of segments; their values belong to the enclosing record.
 
-    Parses and builds each in turn, in the context it gets. Raises Stop where the next one cannot be found.
+    Parses and builds each in turn, in the given context. Raises Stop if the next segment cannot be located.
     """
 
     def __init__(self, subcons: tuple[SegmentConstruct, ...]) -> None:
@@ -71,7 +71,7 @@ class Fields(Construct):
         self.declared = frozenset(plan.values)
 
     def open(self, stream: BytesIO, context: Container) -> Container:
-        """The context of a record that is going to be read; its values grow in `_values`."""
+        """Return the context of a record before reading; its values are collected in `_values`."""
         return open_context(context, context._state, stream, self.declared)
 
     def _parse(self, stream: BytesIO, context: Container, path: str) -> Container:
@@ -120,7 +120,7 @@ def open_context(
 
 
 class RecordConstruct(ValueSegment):
-    """A layout under a name of its own: parses to and builds from a mapping. Everything in it may be computed."""
+    """A layout under its own name: parses to and builds from a mapping. All its values may be computed."""
 
     segment: Record
 
@@ -159,8 +159,8 @@ def _inner_filling(plan: Plan, given: Any, outer: Filling, name: str, item: tupl
 class RepeatConstruct(ValueSegment):
     """A list of records, or of plain values of one type.
 
-    Parses `times` items, or as many as the region holds. Builds every item of the list given. Raises Stop (parsing)
-    when the number cannot be worked out.
+    Parses `times` items, or as many as the region contains. Builds every item of the given list. Raises Stop (parsing)
+    if the number cannot be evaluated.
     """
 
     segment: Repeat
@@ -204,7 +204,7 @@ class RepeatConstruct(ValueSegment):
             reading.store(context, self.name, [item[PLAIN] for item in items], place)
 
     def _pass_fill(self, start: int, reading: Reading, stream: BytesIO, place: Place) -> None:
-        """What fills an item up is not looked at."""
+        """Skip the padding after an item."""
         reading.leaf(reading.take(stream, -(stream.tell() - start) % self.segment.align, place))
 
     def _goes_on(self, items: list[Any], times: int | None, reading: Reading, stream: BytesIO) -> bool:
@@ -213,7 +213,7 @@ class RepeatConstruct(ValueSegment):
         return len(items) < times if times is not None else stream.tell() < reading.region.end
 
     def _read_values(self, reading: Reading, stream: BytesIO, context: Container, place: Place) -> None:
-        """Plain values; there is no list when one of them cannot be read."""
+        """Read plain values; the list is absent if a value cannot be read."""
         assert isinstance(self.segment.of, FieldType)
         items: list[Any] = []
         times = self._times(reading, context, place)
@@ -319,9 +319,9 @@ class ItemEndConstruct(SegmentConstruct):
 
 
 class ChooseConstruct(SegmentConstruct):
-    """One of several lists of segments, by the value of an expression; their values belong to the record around.
+    """One of several sequences, selected by the value of an expression; their values belong to the enclosing record.
 
-    Parsing notes `value` and raises Stop when there is neither a case nor an `else`; building raises EncodeError.
+    Parsing notes `value` and raises Stop if neither a case nor an `else` exists; building raises EncodeError.
     """
 
     segment: Choose
@@ -332,14 +332,14 @@ class ChooseConstruct(SegmentConstruct):
         self.otherwise = otherwise
 
     def case_of(self, value: Any) -> Segments | None:
-        """The list of segments for a value."""
+        """Return the sequence for a value."""
         for (keys, _), segments in zip(self.segment.cases, self.cases, strict=True):
             if value in keys:
                 return segments
         return self.otherwise
 
     def chosen(self, filling: Filling) -> Segments | None:
-        """The list of segments for values that are to be built."""
+        """Return the sequence for values that are being built."""
         return self.case_of(filling.compute(self.segment.on, self.label))
 
     def read(self, stream: BytesIO, context: Container, path: str, place: Place) -> None:
@@ -363,9 +363,9 @@ class ChooseConstruct(SegmentConstruct):
 
 
 class OptionalConstruct(SegmentConstruct):
-    """Segments that may be missing at the end of a region; their values belong to the record around.
+    """Segments that may be missing at the end of a region; their values belong to the enclosing record.
 
-    Parses them when bytes are left in the region, builds them when one of their values is given.
+    Parses them if bytes are left in the region, builds them if one of their values is given.
     """
 
     segment: Optional
@@ -376,7 +376,7 @@ class OptionalConstruct(SegmentConstruct):
         self.names = names
 
     def is_wanted(self, filling: Filling) -> bool:
-        """Whether a value inside is given."""
+        """Return whether a value inside is given."""
         return any(filling.given_of(name) is not MISSING for name in self.names)
 
     def read(self, stream: BytesIO, context: Container, path: str, place: Place) -> None:

@@ -23,11 +23,11 @@ from framekit.definition.model.frames import Frame
 from framekit.definition.model.segments import Inner, Nested
 
 UNKNOWN = "unknown"
-"""The name under which the bytes of an inner region stand that no frame fits."""
+"""The name for the bytes of an inner region that no frame fits."""
 
 
 class NestedConstruct(ValueSegment):
-    """A layout that stands in itself, one level deeper. Parses to its fields, builds from them."""
+    """A layout that contains itself, one level deeper. Parses to its fields, builds from them."""
 
     segment: Nested
 
@@ -106,7 +106,7 @@ class InnerConstruct(ValueSegment):
             reading.note(moved, outcome.fault.cause, outcome.fault.expected, outcome.fault.found)
 
     def _region(self, stream: BytesIO, reading: Reading, context: Container, place: Place) -> tuple[bytes, bool]:
-        """The bytes that may be the frame's, and whether they all are."""
+        """Return the bytes that the frame may take, and whether it must take all of them."""
         start = stream.tell()
         size = self.segment.size or reading.sizes.of(self.always, nothing_known)
         if isinstance(size, Expression):

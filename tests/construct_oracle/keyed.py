@@ -1,4 +1,4 @@
-"""Ciphers and codes made with a key, from single blocks of AES and from hash functions, as their standards write them.
+"""Ciphers and keyed codes, computed from single AES blocks and hash functions as in their standards.
 
 CBC and CTR: NIST SP 800-38A, 6.2 and 6.5. GCM: SP 800-38D, 6 and 7. CMAC: RFC 4493. HMAC: RFC 2104.
 """
@@ -14,13 +14,13 @@ from framekit.definition.codings import Ciphered
 
 
 def block(key: bytes, data: bytes) -> bytes:
-    """One block enciphered."""
+    """Encrypt a block."""
     run = Cipher(algorithms.AES(key), modes.ECB()).encryptor()
     return bytes(run.update(data))
 
 
 def block_back(key: bytes, data: bytes) -> bytes:
-    """One block deciphered."""
+    """Decrypt a block."""
     run = Cipher(algorithms.AES(key), modes.ECB()).decryptor()
     return bytes(run.update(data))
 
@@ -34,7 +34,7 @@ def blocks(data: bytes) -> list[bytes]:
 
 
 def chained(key: object, data: object, iv: object = bytes(16)) -> bytes:
-    """The function `aes`: whole blocks, each with the one before put on it. Raises ValueError."""
+    """Compute the function `aes`: encrypt whole blocks, each XORed with the previous result. Raises ValueError."""
     if not all(isinstance(one, bytes) for one in (key, data, iv)):
         raise ValueError("no bytes")
     assert isinstance(key, bytes) and isinstance(data, bytes) and isinstance(iv, bytes)
@@ -58,7 +58,7 @@ def counted(key: bytes, first: bytes, data: bytes, bits: int) -> bytes:
 
 
 def multiplied(x: int, y: int) -> int:
-    """The product in GF(2^128) of GCM: the first bit is the lowest power."""
+    """Return the product in GF(2^128) of GCM: the first bit is the lowest power."""
     found, shifted = 0, y
     for bit in range(127, -1, -1):
         if x >> bit & 1:
@@ -100,7 +100,7 @@ def checked(coding: Ciphered, key: object, iv: object, also: object = b"") -> tu
 
 
 def enciphered(coding: Ciphered, plain: bytes, key: bytes, iv: bytes, also: bytes = b"") -> bytes:
-    """Content as it stands on the wire. Raises ValueError."""
+    """Return the wire form of the content. Raises ValueError."""
     if coding.clear:
         if len(plain) < coding.clear:
             raise ValueError("fewer bytes than stand as they are")
@@ -126,7 +126,7 @@ def enciphered(coding: Ciphered, plain: bytes, key: bytes, iv: bytes, also: byte
 
 
 def deciphered(coding: Ciphered, wire: bytes, key: bytes, iv: bytes, also: bytes = b"") -> tuple[bytes, bytes, bytes]:
-    """Content, the tag it should have, and the one it has. Raises ValueError."""
+    """Return the content, the expected tag and the tag on the wire. Raises ValueError."""
     if coding.clear:
         if len(wire) < coding.clear:
             raise ValueError("fewer bytes than stand as they are")
@@ -183,7 +183,7 @@ def hashed(kind: str, key: bytes, data: bytes) -> bytes:
 
 
 def code_with_key(kind: str, key: object, data: bytes, size: int) -> int:
-    """The number of the first bytes of a code. Raises ValueError."""
+    """Return the first bytes of a keyed code as a number. Raises ValueError."""
     if not isinstance(key, bytes):
         raise ValueError("no bytes")
     if kind == "cmac-aes" and len(key) not in (16, 24, 32):

@@ -11,7 +11,7 @@ from typing import Any
 from framekit.codec.evaluate import MissingName
 
 CONTEXT_KEY = "_context"
-"""The context entry under which `ConstructCodec` hands a whole mapping to construct."""
+"""The context entry in which `ConstructCodec` passes a whole mapping to construct."""
 
 
 class Names:
@@ -22,7 +22,7 @@ class Names:
         self.known = known
 
     def __getitem__(self, name: str) -> Any:
-        """The value of `name`. Raises MissingName."""
+        """Return the value of `name`. Raises MissingName."""
         try:
             return self.given[name]
         except KeyError:
@@ -33,7 +33,7 @@ class Names:
             raise MissingName(name) from None
 
     def is_unset(self, name: str) -> bool:
-        """Whether the context has the name, but no value for it yet."""
+        """Return whether the context has the name without a value yet."""
         try:
             return self[name] is None
         except MissingName:
@@ -41,5 +41,5 @@ class Names:
 
     @classmethod
     def of_params(cls, params: Mapping[str, Any], known: Mapping[str, Any]) -> Names:
-        """From the keyword arguments of `parse` and `build`, or from the mapping a codec put there."""
+        """Return the names from the keyword arguments of `parse` and `build`, or from the mapping of a codec."""
         return cls(params.get(CONTEXT_KEY, params), known)

@@ -22,7 +22,7 @@ from framekit.definition.model.segments import Const, Data, Require, Skip, Value
 
 
 class ConstantConstruct(SegmentConstruct):
-    """Bytes that are always there. Parsing notes `constant` for others; they are no value of the record."""
+    """Constant bytes. Parsing notes `constant` for other bytes; they are not a value of the record."""
 
     segment: Const
 
@@ -91,7 +91,7 @@ class DataConstruct(ValueSegment):
         return wire_size(self.segment, size)
 
     def to_memory(self, wire: bytes) -> bytes:
-        """Raises ValueError for bytes that can't be converted."""
+        """Convert wire bytes to memory. Raises ValueError for bytes that cannot be converted."""
         if self.segment.convert == "hex_to_ascii":
             wire = support.ascii_to_hex(wire)
         elif self.segment.convert == "ascii_to_hex":
@@ -99,7 +99,7 @@ class DataConstruct(ValueSegment):
         return support.swap(wire, self.segment.swap) if self.segment.swap else wire
 
     def to_wire(self, memory: bytes) -> bytes:
-        """Raises ValueError for bytes that can't be converted."""
+        """Convert memory to wire bytes. Raises ValueError for bytes that cannot be converted."""
         if self.segment.swap:
             memory = support.swap(memory, self.segment.swap)
         if self.segment.convert == "hex_to_ascii":
@@ -122,7 +122,7 @@ class DataConstruct(ValueSegment):
         return data if size is None else data.ljust(size, bytes((self.segment.pad or 0,)))
 
     def _size(self, filling: Filling) -> int | None:
-        """Bytes in memory; None when that follows from the data themselves."""
+        """Return the size in memory, or None if it follows from the data themselves."""
         size = self.segment.size
         if isinstance(size, int):
             return size
@@ -186,7 +186,7 @@ class DerivedConstruct(ValueSegment):
 
 
 def _plain(value: Any) -> Any:
-    """Flags are numbers."""
+    """Return a flag as a number, other values unchanged."""
     return int(value) if isinstance(value, bool) else value
 
 

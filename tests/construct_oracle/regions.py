@@ -1,4 +1,4 @@
-"""Regions of bytes that stand otherwise on the wire: as hex digits, with bytes escaped, doubled or put in, as COBS."""
+"""Regions of encoded bytes: hex digits, escaped, doubled or inserted bytes, COBS."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from framekit.definition.expression import Expression
 from framekit.definition.model.segments import Const, Wrap
 
 Embedded = Callable[[bytes, Names], int | None]
-"""How many bytes a frame takes that begins the given bytes and may stand inside a region; None if none does."""
+"""Return the size of the frame at the start of the bytes, if it is allowed inside a region, else None."""
 
 
 class WrapConstruct(SegmentConstruct):
-    """What both wraps share: content that is read and built by itself, within limits of its plain size.
+    """Common part of all wraps: content that is read and built separately, within limits of its decoded size.
 
-    The values in the content belong to the record around. Parsing notes `short`, `too_long` and `surplus` (content left
-    over), building raises EncodeError for content beyond its limits.
+    The values in the content belong to the enclosing record. Parsing notes `short`, `too_long` and `surplus` (content
+    left over); building raises EncodeError for content outside its limits.
     """
 
     segment: Wrap
@@ -49,7 +49,7 @@ class WrapConstruct(SegmentConstruct):
     def read_content(
         self, plain: bytes, exact: bool, offset: Callable[[int], int], context: Container, path: str, place: Place
     ) -> int:
-        """Reads the segments from plain content; how many bytes of it they took."""
+        """Read the segments from decoded content; return the number of bytes they took."""
         reading: Reading = context._state
         wrap = self.segment
         if len(plain) < wrap.least:
@@ -107,7 +107,7 @@ class WrapConstruct(SegmentConstruct):
 
 
 class HexConstruct(WrapConstruct):
-    """Content as hex digits, two a byte. Parsing notes `digits` for anything else, building writes upper case."""
+    """Content as hex digits, two per byte. Parsing notes `digits` for other characters, building writes upper case."""
 
     def to_wire(self, plain: bytes, names: Names) -> bytes:
         return support.hex_to_ascii(plain)
@@ -138,7 +138,7 @@ class HexConstruct(WrapConstruct):
 
 
 def _leading_digits(digits: bytes) -> bytes:
-    """The pairs of hex digits at the start."""
+    """Return the pairs of hex digits at the start."""
     count = len(digits) - len(digits.lstrip(b"0123456789ABCDEFabcdef"))
     return digits[: count - count % 2]
 
@@ -146,8 +146,8 @@ def _leading_digits(digits: bytes) -> bytes:
 class EscapeConstruct(WrapConstruct):
     """Content in which every escape byte is doubled.
 
-    Parses up to the first escape byte that is not doubled, or as many bytes as content of fixed size takes; frames that
-    may be embedded are passed over. Notes `short` when the end is missing.
+    Parses up to the first escape byte that is not doubled, or the bytes of content of fixed size; allowed embedded
+    frames are skipped. Notes `short` if the end is missing.
     """
 
     def __init__(self, segment: Wrap, segments: Segments, embedded: Embedded) -> None:
@@ -302,7 +302,7 @@ def with_codes(coding: Blocks, plain: bytes, names: Names) -> bytes:
 
 
 def coded(coding: Coding, plain: bytes) -> bytes:
-    """Content as it stands on the wire."""
+    """Return the encoded content."""
     match coding:
         case Plain():
             return plain

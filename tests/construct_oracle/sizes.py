@@ -44,14 +44,14 @@ def nothing_known(expression: Expression) -> None:
 
 
 def wire_size(data: Data, size: int) -> int:
-    """Bytes on the wire for `size` bytes in memory."""
+    """Return the size on the wire for `size` bytes in memory."""
     if data.convert == "hex_to_ascii":
         return size * 2
     return size // 2 if data.convert == "ascii_to_hex" else size
 
 
 class KnownSizes:
-    """Works sizes out; frames are needed for those that hold others."""
+    """Compute sizes; `frames` are needed for segments that contain frames."""
 
     def __init__(self, frames: Mapping[str, Frame]) -> None:
         self.frames = frames
@@ -65,11 +65,11 @@ class KnownSizes:
         return self._of_frame[name]
 
     def of_frame(self, frame: Frame) -> int | None:
-        """Size of a frame, or of a layout made into one; None if it varies."""
+        """Return the size of a frame, or of a layout made into a frame; None if it varies."""
         return frame.size or self.all(frame.segments, nothing_known)
 
     def all(self, segments: Iterable[Segment], evaluate: Evaluate) -> int | None:
-        """Size of all of them together."""
+        """Return the total size of the segments."""
         total = 0
         for segment in segments:
             size = self.of(segment, evaluate)
@@ -79,7 +79,7 @@ class KnownSizes:
         return total
 
     def of(self, segment: Segment, evaluate: Evaluate) -> int | None:
-        """Size of one segment; 0 if it is not there."""
+        """Return the size of a segment; 0 if it is absent."""
         if segment.when is not None:
             present = evaluate(segment.when)
             if present is None and self.of(replace(segment, when=None), evaluate) == 0:

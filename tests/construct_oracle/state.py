@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class Leaf:
-    """The bytes of one segment as they are inside its wrap, and how many they are before conversion.
+    """The bytes of a segment before its wrap is applied, and their number before conversion.
 
-    No bytes: content of a wrap that could not be opened.
+    No bytes: content of a wrap that could not be decoded.
     """
 
     data: bytes | None
@@ -49,11 +49,11 @@ class Mark:
 
 
 class Unopened(Exception):  # noqa: N818 - it says what cannot be counted
-    """Content that could not be opened."""
+    """Content that could not be decoded."""
 
 
 class State:
-    """What reading and writing have in common: leaves and marks, from which checks and lengths are worked out."""
+    """Common state of reading and writing: leaves and marks, from which check codes and lengths are computed."""
 
     def __init__(self, names: Names) -> None:
         self.names = names
@@ -102,14 +102,14 @@ class State:
             context._marks[name] = Mark(first, len(self.leaves), stream_tell(stream, path) - start, start)
 
     def mark_absent(self, segments: Iterable[Segment], context: Container, stream: BytesIO) -> None:
-        """Notes where segments would stand that are not there: ranges may begin and end with them."""
+        """Record the offset of absent segments, since ranges may begin and end with them."""
         for segment in segments:
             if segment.name is not None:
                 context._marks[segment.name] = Mark(len(self.leaves), len(self.leaves), 0, stream.tell())
 
 
 def scopes(context: Container) -> Iterator[Container]:
-    """The context of a record and of the records around it, up to its frame."""
+    """Yield the context of a record and of its enclosing records, up to the frame."""
     while True:
         yield context
         if context._is_frame:
@@ -118,7 +118,7 @@ def scopes(context: Container) -> Iterator[Container]:
 
 
 def mark_of(context: Container, name: str) -> Mark:
-    """Where the segment `name` stands. Raises KeyError when it is not there."""
+    """Return the mark of the segment `name`. Raises KeyError if it is absent."""
     for scope in scopes(context):
         mark: Mark | None = scope._marks.get(name)
         if mark is not None:
@@ -127,7 +127,7 @@ def mark_of(context: Container, name: str) -> Mark:
 
 
 def is_marked(context: Container, name: str) -> bool:
-    """Whether the segment `name` has been read or written."""
+    """Return whether the segment `name` has been read or written."""
     return any(name in scope._marks for scope in scopes(context))
 
 
@@ -140,7 +140,7 @@ class Region:
 
 
 class Reading(State):
-    """A frame being read."""
+    """The state of reading a frame."""
 
     def __init__(self, names: Names, sizes: KnownSizes, region: Region) -> None:
         super().__init__(names)
@@ -154,7 +154,7 @@ class Reading(State):
         self.stopped = False
 
     def place(self, stream: BytesIO, label: str, refuse: int | None) -> Place:
-        """The next place in reading order, where the stream stands."""
+        """Return the next place in reading order, at the stream position."""
         self.order += 1
         return Place(self.order, self.offset(stream.tell()), label, refuse)
 
@@ -167,20 +167,20 @@ class Reading(State):
         return Stop(f"{cause} fault at '{place.label}'")
 
     def take(self, stream: BytesIO, size: int, place: Place) -> bytes:
-        """The next `size` bytes of the region. Raises Stop when there are fewer."""
+        """Return the next `size` bytes of the region. Raises Stop if fewer are left."""
         left = self.region.end - stream.tell()
         if size > left:
             raise self.stop(place, "short", f"{size} bytes", f"{max(left, 0)}")
         return stream.read(size)
 
     def stopped_in(self, segments: Iterable[Segment]) -> None:
-        """Takes note that these segments were not all read, so that not everything can be compared."""
+        """Record that these segments were not all read, so their check codes cannot all be compared."""
         self.stopped = True
         checks = (check for segment in segments for check in parts_of(segment, Check))
         self.faults.unchecked |= any(check.verify == "error" for check in checks)
 
     def finish(self) -> None:
-        """Compares what could only be compared when everything was read."""
+        """Make the comparisons that were deferred until everything was read."""
         for compare in self.later:
             compare()
         self.later = []
@@ -193,7 +193,7 @@ class Reading(State):
         return other
 
     def store(self, context: Container, name: str, value: Any, place: Place) -> None:
-        """Makes a value part of the record that is being read."""
+        """Add a value to the record that is being read."""
         context[name] = value
         context._values[name] = value
         context._orders[name] = place.order
@@ -236,7 +236,7 @@ class Reading(State):
         return evaluate(expression.root, lookup)
 
     def known_in(self, context: Container) -> Evaluate:
-        """What expressions come to as far as it has been read; None for the others."""
+        """Return an `Evaluate` for the values read so far."""
 
         def known(expression: Expression) -> Any:
             try:
@@ -271,7 +271,7 @@ class Reading(State):
 
     @contextmanager
     def deeper(self, region: Region, offset: Callable[[int], int]) -> Iterator[None]:
-        """Reads other bytes: the content of a wrap. `offset` gives places in the frame for places in it."""
+        """Read other bytes: the content of a wrap. `offset` converts offsets in the content to offsets in the frame."""
         outer, self.offset = self.offset, offset
         try:
             with self.within(region):
@@ -294,7 +294,7 @@ class Writing(State):
 
     @contextmanager
     def deeper(self) -> Iterator[None]:
-        """Builds other bytes, the content of a wrap; its checks are filled in when all of it is there."""
+        """Build other bytes, the content of a wrap; its check codes are written after all of it."""
         outer, self.later = self.later, []
         try:
             yield

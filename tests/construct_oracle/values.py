@@ -1,4 +1,4 @@
-"""One value of a type, read from a region and written: sizes, digits that are none, values of the wrong kind."""
+"""Read and write a value of a type: sizes, invalid digits, values of the wrong kind."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from framekit.definition.expression import Expression
 from framekit.definition.model.segments import FieldType
 
 DAMAGED: Any = object()
-"""The value of digits that are none."""
+"""The value of invalid digits."""
 
 
 def read_size(type_: FieldType, reading: Reading, context: Container, place: Place) -> int:
-    """Bytes a value takes. Raises Stop when its size cannot be worked out."""
+    """Return the size of a value in bytes. Raises Stop if it cannot be evaluated."""
     if not isinstance(type_.size, Expression):
         return type_.size or 0
     return evaluated_size(type_.size, reading, context, place)
 
 
 def evaluated_size(expression: Expression, reading: Reading, context: Container, place: Place) -> int:
-    """The size an expression gives while reading. Raises Stop when it gives none."""
+    """Return the size that an expression gives while reading. Raises Stop if it cannot be evaluated."""
     try:
         size = reading.evaluate(expression, context)
     except EVALUATION_ERRORS:
@@ -40,7 +40,7 @@ def evaluated_size(expression: Expression, reading: Reading, context: Container,
 
 
 def read_wire(type_: FieldType, stream: BytesIO, context: Container, place: Place) -> Any:
-    """The number, text or bytes on the wire, or DAMAGED when it is none (which is noted). Raises Stop."""
+    """Return the number, text or bytes on the wire, or DAMAGED (and note it) if invalid. Raises Stop."""
     reading: Reading = context._state
     if type_.is_delimited:
         raw = _terminated(type_, stream, reading, place)
@@ -71,7 +71,7 @@ def _terminated(type_: FieldType, stream: BytesIO, reading: Reading, place: Plac
 
 
 def write_wire(type_: FieldType, wire: Any, name: str, filling: Filling, stream: BytesIO, context: Container) -> None:
-    """Writes a number, text or bytes. Raises EncodeError when it does not fit."""
+    """Write a number, text or bytes. Raises EncodeError if it does not fit."""
     form = _building_form(type_, wire, name, filling, context._state.measuring)
     try:
         data = form.build(wire)
@@ -97,7 +97,7 @@ def _building_form(type_: FieldType, wire: Any, name: str, filling: Filling, mea
 
 
 def of_type(type_: FieldType, value: Any, name: str, filling: Filling) -> Any:
-    """The given value as the type's Python type. Raises EncodeError for another type."""
+    """Return the given value as the type's Python type. Raises EncodeError for another type."""
     if type_.kind == "ascii":
         wanted, fits = "text", isinstance(value, str)
     elif type_.kind == "bytes":

@@ -18,7 +18,7 @@ SHARED = {"segment_name", "when", "refuse", "number_order", "digit_case"}
 
 
 def examples() -> Iterator[dict[str, Any]]:
-    """Yield every protocol file of the guide, and those that the cases of segments are tested in."""
+    """Yield every protocol file of the guide, and the protocols of the cases of segments."""
     texts = [
         snippet.text for page in GUIDE for snippet in snippets(page) if snippet.file and excerpt_of(snippet) is None
     ]

@@ -28,7 +28,7 @@ class Snippet:
 
     @property
     def file(self) -> str | None:
-        """The name of the file that the block is, if it says one."""
+        """Return the name in the block's file comment, or None."""
         found = FILE.fullmatch(self.text.split("\n", 1)[0].strip())
         return None if found is None else found[1]
 
@@ -52,13 +52,13 @@ def snippets(page: Path) -> list[Snippet]:
 
 
 def anchors(page: Path) -> set[str]:
-    """Where links into a page may lead: its headings as GitHub makes anchors of them."""
+    """Return the possible targets of links into a page: its headings as GitHub anchors."""
     titles = re.findall(r"^#+ (.*)$", FENCE.sub("", page.read_text("utf-8")), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
 
 
 def links(page: Path) -> Iterator[tuple[str, str]]:
-    """The links of a page to files of the project: the file as written, and the heading."""
+    """Return the links of a page to files of the project: the file as written, and the heading."""
     text = re.sub(r"`[^`\n]*`", "", FENCE.sub("", page.read_text("utf-8")))
     for target in re.findall(r"\]\(([^)\s]+)\)", text):
         if not re.match(r"[a-z]+:", target):
@@ -67,7 +67,7 @@ def links(page: Path) -> Iterator[tuple[str, str]]:
 
 
 def sentences(page: Path) -> Iterator[str]:
-    """The sentences of a page, those in lists and tables too; an example in backquotes is one word."""
+    """Yield the sentences of a page, including lists and tables; an example in backquotes counts as a word."""
     text = FENCE.sub("\n\n", page.read_text("utf-8"))
     text = re.sub(r"`[^`\n]*`", "CODE", text)
     text = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", text)

@@ -21,7 +21,7 @@ STORED = [
     file.with_name(file.name.replace(".vectors.yaml", ".yaml"))
     for file in sorted((EXAMPLES / "language").glob("*.vectors.yaml"))
 ]
-"""The examples of the guide that are files of the repository, each with test vectors."""
+"""The examples of the guide that are stored in the repository, each with test vectors."""
 
 
 def name(page: Path) -> str:
@@ -35,7 +35,7 @@ def test_sentences_are_short(page: Path) -> None:
 
 @pytest.mark.parametrize("page", GUIDE, ids=name)
 def test_every_example_is_a_file_that_a_command_reads(page: Path) -> None:
-    """A piece of YAML that belongs to no file, which no command or other file reads, would not be executed."""
+    """YAML that belongs to no file, or to a file that no command and no other file reads, would not be executed."""
     read = "\n".join(snippet.text for snippet in snippets(page) if snippet.kind in ("console", "python"))
     for snippet in snippets(page):
         if snippet.kind == "yaml":

@@ -22,7 +22,7 @@ INSTALLED = "/opt/framekit/bin/framekit"
 
 
 def command_of(key: str) -> list[str]:
-    """The words of a command of the unit, for the run `plant`, with the framekit of these tests."""
+    """Return the words of a command of the unit, for the run `plant`, with the tested framekit as its program."""
     (line,) = [one.partition("=")[2] for one in UNIT.read_text("utf-8").splitlines() if one.startswith(f"{key}=")]
     words = shlex.split(line.replace("%i", "plant"))
     assert words[0] == INSTALLED

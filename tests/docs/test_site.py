@@ -1,4 +1,4 @@
-"""The documentation site: every page is in it, no link leads nowhere, and a browser shows and searches it."""
+"""The documentation site: it has every page and no broken link, and a browser shows and searches it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A client of yaml-language-server, the program with which editors complete and check YAML."""
+"""A client of yaml-language-server, the program by which editors complete and check YAML."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Message = dict[str, Any]
 
 
 class LanguageServer:
-    """The program, with one schema for all files."""
+    """A running language server with one schema for all files."""
 
     def __init__(self, program: str, schema: Path) -> None:
         self.schema = schema

@@ -1,6 +1,6 @@
-"""Editors: yaml-language-server, written by others, reads all shipped files with our schema, and completes keys.
+"""Editors: the independent yaml-language-server accepts all shipped files with our schema, and completes keys.
 
-Skipped only where the program is not installed (`npm install -g yaml-language-server`).
+Skipped only if the program is not installed (`npm install -g yaml-language-server`).
 """
 
 from __future__ import annotations

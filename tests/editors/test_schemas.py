@@ -1,4 +1,4 @@
-"""What `framekit schema` prints: whole schemas that stand alone, for each kind of file and for all."""
+"""The output of `framekit schema`: self-contained schemas, for each kind of file and for all kinds."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ ROOT = Path(__file__).parents[2]
 
 
 def read_as_yaml(path: Path) -> Any:
-    """A file as other programs read it, with the words of YAML 1.1 for yes and no as texts, as YAML 1.2 has them."""
+    """Return the content of a file as YAML 1.2: the YAML 1.1 words for yes and no are texts."""
 
     class Loader(yaml.SafeLoader):
-        """Numbers as YAML 1.2 has them."""
+        """A loader with the numbers of YAML 1.2."""
 
     Loader.yaml_implicit_resolvers = {
         first: [(tag, pattern) for tag, pattern in found if tag.endswith((":int", ":float", ":null"))]

@@ -1,4 +1,4 @@
-"""Mutated definition files: nodes deleted, doubled, exchanged or replaced by what users and accidents put there."""
+"""Mutated definition files: nodes deleted, duplicated, exchanged or replaced by typical mistakes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ REPLACEMENTS: list[Any] = [
 
 
 def places(tree: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
-    """The paths of all nodes below the root."""
+    """Return the paths of all nodes below the root."""
     found: list[tuple[Any, ...]] = []
     items = tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()
     for key, value in items:
@@ -28,7 +28,7 @@ def places(tree: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
 
 
 def mutated(tree: Any, choose: random.Random) -> Any:
-    """A copy of a tree with one to three changes."""
+    """Return a copy of a tree with one to three changes."""
     tree = copy.deepcopy(tree)
     for _ in range(choose.choice([1, 1, 1, 2, 3])):
         paths = places(tree)
@@ -57,7 +57,7 @@ def _change(tree: Any, path: tuple[Any, ...], paths: list[tuple[Any, ...]], choo
 
 
 def at(tree: Any, path: tuple[Any, ...]) -> Any:
-    """The node at a path."""
+    """Return the node at a path."""
     for key in path:
         tree = tree[key]
     return tree

@@ -21,13 +21,13 @@ MARK = "# expect: "
 
 
 def expected(path: Path) -> list[str]:
-    """The problems that the head of a file announces."""
+    """Return the problems that the head of a file announces."""
     lines = path.read_bytes().decode("utf-8", errors="replace").splitlines()
     return [line.removeprefix(MARK) for line in lines if line.startswith(MARK)]
 
 
 def as_written(path: Path, problems: list[Problem]) -> list[str]:
-    """Problems with file names as the corpus writes them."""
+    """Return the problems with file names as in the corpus."""
     names = {f"{path.resolve()}:": "FILE:", f"{path}:": "FILE:", f"{path.parent.resolve()}/": ""} | {
         f"{folder}/": "" for folder in searched_folders()
     }

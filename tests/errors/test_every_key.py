@@ -21,9 +21,9 @@ RICH = Path(__file__).parent / "rich"
 FILES = ["oven.yaml", "oven.device.yaml", "plant.run.yaml"]
 WRONG: list[Any] = [[], {}, None, "", "-1", "nothing", "99999999", ["x"], {"x": "y"}, "1.5", [[]], "0"]
 EVERY = 401
-"""The short test tries one in so many; prime, so that every kind of value has its turn."""
+"""Step of the samples in the short test; prime, so every kind of value occurs."""
 LONG = int(os.environ.get("FRAMEKIT_EVERY", "37"))
-"""As many the long test."""
+"""Step of the samples in the long test."""
 
 
 def trees(name: str) -> Any:

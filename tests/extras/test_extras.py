@@ -1,4 +1,4 @@
-"""The core does without the extras: no module outside `framekit/extras` imports them as it is imported itself."""
+"""The core works without the extras: no module outside `framekit/extras` imports them when it is imported."""
 
 import ast
 from pathlib import Path

@@ -29,7 +29,7 @@ from golden import kept  # noqa: E402
 from golden.frozen import KEPT_FRAMES, NAMES, Case, Shipped, cases  # noqa: E402
 
 MOST_LINES = 60
-"""So many changed lines of one text are shown."""
+"""Number of changed lines that are shown of a text."""
 
 
 def main() -> int:
@@ -79,7 +79,7 @@ def compare(names: list[str], only: str, is_written: bool) -> int:
 
 
 def dump(folder: Path, names: list[str], only: str) -> None:
-    """One file for the first two parts of cases' names: what belongs together is read together."""
+    """Write a file for each pair of the first two parts of case names, so related texts are in one file."""
     for name, some in every(names, only):
         texts: dict[str, list[str]] = {}
         for case in some:

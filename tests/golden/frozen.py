@@ -38,16 +38,16 @@ from tests.shipped import load_vectors
 NAMES = [*PROTOCOLS, *APPLICATIONS]
 KEPT_FRAMES = Path(__file__).parent / "frames"
 DAMAGED = 50_000
-"""Damaged frames of all protocols together, about."""
+"""Approximate number of damaged frames of all protocols together."""
 
 SOME = 16
-"""Damaged frames of each frame that belong to every run of the tests."""
+"""Number of damaged frames per frame in every test run."""
 
 TRIES = 40_000
-"""Tries to draw a frame whose values depend on each other."""
+"""Attempts to draw a frame whose values depend on each other."""
 
 STREAMS = 10
-"""Streams of every kind and protocol."""
+"""Number of streams of every kind and protocol."""
 
 MS = 1_000_000
 HOUR = 3_600_000 * MS
@@ -63,7 +63,7 @@ class Case:
 
 
 class Shipped:
-    """One shipped protocol or application."""
+    """A shipped protocol or application."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -74,7 +74,7 @@ class Shipped:
         return compile_protocol(self.protocol)
 
     def names(self, frame: str = "") -> Names:
-        """The context of receivers; for one frame alone, with the size that an earlier one has announced."""
+        """Return the context of receivers; for a single frame, with the size that an earlier frame has announced."""
         role = next(iter(self.protocol.roles), None)
         scope = Scope(self.protocol, role=role, line=default_line(self.protocol))
         read = names_read_in(self.protocol.frames[frame].segments) if frame else set()
@@ -85,7 +85,7 @@ class Shipped:
 
     @cached_property
     def frames(self) -> dict[str, list[bytes]]:
-        """The kept frames, by their names."""
+        """Return the stored frames by name."""
         file, found = KEPT_FRAMES / f"{self.name}.txt", dict[str, list[bytes]]()
         for line in file.read_text(encoding="utf-8").splitlines() if file.exists() else ():
             name, _, data = line.partition(" ")
@@ -94,7 +94,7 @@ class Shipped:
         return found
 
     def draw_frames(self) -> str:
-        """The frames to keep: those that are there, and some of every frame that has none yet."""
+        """Return the frames to store: the stored frames, and some of every frame that has none yet."""
         lines = []
         for name in self.protocol.frames:
             drawn, tries = list[bytes](), 40
@@ -106,7 +106,7 @@ class Shipped:
 
     @cached_property
     def on_line(self) -> list[bytes]:
-        """Frames as they stand on the line: those of the vectors, and the kept ones that are no part of others."""
+        """Return frames as transmitted: those of the vectors, and stored frames that are not inner frames."""
         file = find_definition(f"{self.name}.vectors.yaml", FRAMES)
         exact = [case.wire.exact for case in load_vectors(file).frames] if file is not None else []
         names = Receiver(self.codec, self.protocol, self.names()).table.on_line
@@ -120,7 +120,7 @@ KINDS = ("encode", "decode", "measure", "extent", "diagnose", "build")
 
 
 def sources(one: Shipped) -> Iterator[Case]:
-    """The module that framekit runs and the one it hands out, each by what functions begin with."""
+    """Yield the generated modules, internal and stand-alone, divided by kind of function."""
 
     def part(standalone: bool, kind: str) -> str:
         return parts_of(one, standalone).get(kind, "")
@@ -146,7 +146,7 @@ def parts_of(one: Shipped, standalone: bool) -> dict[str, str]:
 
 
 def damaged(data: bytes, choose: Random) -> bytes:
-    """A frame as a bad line may leave it."""
+    """Return a frame as a bad line could deliver it."""
     place, kind, found = choose.randrange(len(data)), choose.randrange(10), bytearray(data)
     if kind < 4:
         found[place] ^= choose.randrange(1, 256)
@@ -184,7 +184,7 @@ def _message(one: Shipped, name: str, part: str, count: int) -> str:
 
 @cache
 def damaged_each() -> int:
-    """How many damaged frames there are of each frame."""
+    """Return the number of damaged frames per frame."""
     lines = (line for file in KEPT_FRAMES.glob("*.txt") for line in file.read_text(encoding="utf-8").splitlines())
     return DAMAGED // (len(list(lines)) // 3)
 
@@ -227,7 +227,7 @@ def _decoded(one: Shipped, name: str, data: bytes, names: Names) -> tuple[str, s
 
 
 def stream(one: Shipped, choose: Random, most: int = 14) -> bytes:
-    """Frames, whole and damaged, and noise between them: any bytes, bytes frames begin with, frames in others."""
+    """Return whole and damaged frames with noise between them: random bytes, first bytes of frames, nested frames."""
     samples, parts = one.on_line, list[bytes]()
     letters = sorted({byte for data in samples for byte in data[:3]})
     for _ in range(choose.randrange(1, most)):
@@ -246,7 +246,7 @@ def stream(one: Shipped, choose: Random, most: int = 14) -> bytes:
 
 
 def noise(one: Shipped, choose: Random) -> bytes:
-    """Noise with few frames in it: random bytes, bytes frames begin with, starts over and over."""
+    """Return noise with few frames: random bytes, first bytes of frames, repeated starts."""
     samples, found = one.on_line, b""
     letters = sorted({byte for data in samples for byte in data[:3]})
     while len(found) < 1500:
@@ -298,7 +298,7 @@ def _heard(one: Shipped, kind: str, number: int) -> str:
 
 
 def expectations(one: Shipped) -> Iterator[tuple[tuple[str, ...], tuple[str, ...]]]:
-    """Names of frames: those looked for first, and the others."""
+    """Yield pairs of frame names: expected frames, and other frames."""
     table = Receiver(one.codec, one.protocol, one.names()).table
     yield table.on_line, ()
     for side in ("client", "server"):
@@ -417,7 +417,7 @@ def _trace(one: Shipped, case: Conversation) -> str:
 
 
 def cases(one: Shipped) -> Iterator[Case]:
-    """Everything of one protocol."""
+    """Yield all cases of a protocol."""
     yield from sources(one)
     yield from damage(one)
     if one.protocol.kind == "protocol":

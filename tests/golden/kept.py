@@ -18,7 +18,10 @@ def hash_of(case: Case) -> str:
 
 
 def read(name: str) -> dict[str, str]:
-    """Hashes by the names of cases; a name that stands there twice, after two changes have met, has none."""
+    """Return the stored hashes by case name.
+
+    A name with two different hashes, after a merge, has the hash `unknown`.
+    """
     file, found = FOLDER / f"{name}.txt", dict[str, str]()
     for line in file.read_text(encoding="utf-8").splitlines() if file.exists() else ():
         hash_, _, case = line.partition(" ")
@@ -33,6 +36,6 @@ def write(name: str, hashes: Mapping[str, str]) -> None:
 
 
 def differences(name: str, cases: Iterable[Case]) -> list[str]:
-    """The names of cases that have another text than when they were kept."""
+    """Return the names of cases whose text differs from the stored hash."""
     kept = read(name)
     return [case.name for case in cases if hash_of(case) != kept.get(case.name, "")]

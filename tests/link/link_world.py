@@ -36,13 +36,13 @@ SECOND = 1_000 * MS
 
 @cache
 def load(text: str) -> Protocol:
-    """A protocol from its text; `extends: standard` works."""
+    """Load a protocol from its text; `extends: standard` works."""
     return load_protocol_text(text, "made_up", Path(__file__).parents[2] / "frames")
 
 
 @cache
 def compiled(text: str) -> tuple[Protocol, Any]:
-    """The protocol and its codec."""
+    """Return the protocol and its codec."""
     protocol = load(text)
     return protocol, compile_protocol(protocol)
 
@@ -57,7 +57,7 @@ def receiver_of(text: str, **params: Any) -> Receiver:
 
 
 def told(event: Arrival) -> tuple[Any, ...]:
-    """What matters of an arrival, for comparing."""
+    """Return the parts of an arrival that tests compare."""
     if isinstance(event, FrameArrived):
         return ("frame", event.value.frame, event.raw, event.offset, event.value.refusal)
     if isinstance(event, BadFrame):
@@ -89,7 +89,7 @@ def feed(
 
 
 def cut_at(data: bytes, places: Sequence[int]) -> list[bytes]:
-    """`data` in pieces, cut at these places."""
+    """Cut `data` at these offsets."""
     edges = [0, *sorted({place % (len(data) + 1) for place in places}), len(data)]
     return [data[start:end] for start, end in pairwise(edges) if start < end]
 
@@ -165,7 +165,7 @@ class Side:
         return max(self.now, min(times))
 
     def run(self, time: int) -> None:
-        """Lets time pass, and everything that is due in it (its end included)."""
+        """Advance the time and run all timers that are due, including those at the end."""
         end = self.now + time
         while (at := self.next_time()) <= end and at < NEVER:
             self.now = at

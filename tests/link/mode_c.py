@@ -1,5 +1,5 @@
 # ruff: noqa: E501 - a definition in YAML
-"""IEC 62056-21 mode C, as far as a readout needs it (6.3, 6.4): begin at 300 7E1, go on at the speed agreed."""
+"""IEC 62056-21 mode C, as far as a readout needs it (6.3, 6.4): start at 300 baud 7E1, continue at the agreed speed."""
 
 MODE_C = """
 protocol: mode_c

@@ -1,4 +1,4 @@
-"""A made-up protocol of nine-bit characters: the first byte of a command is marked, the last byte of a reply."""
+"""An invented protocol of nine-bit characters: the first byte of a command and the last byte of a reply are marked."""
 
 VENDING = """
 protocol: vending

@@ -27,7 +27,7 @@ DATA = Path(__file__).parents[1] / "data"
 
 @cache
 def codec_of(protocol_key: str) -> tuple[Protocol, Any]:
-    """A protocol of a name, a file of tests/data, or a text, with its codec."""
+    """Return a protocol from a name, a file of tests/data, or a text, with its codec."""
     if "\n" in protocol_key:
         protocol = load_protocol_text(protocol_key, "made_up", FRAMES)
     else:
@@ -104,7 +104,7 @@ class Loop:
     # ---- the device's part --------------------------------------------------------------------------------
 
     def arrived(self, frame: str, raw: bytes) -> FrameValue:
-        """A frame as the receiver hands it over, refusable ones included. Raises FrameError."""
+        """Return a frame as the receiver delivers it, also if it is to be refused. Raises FrameError."""
         try:
             return self.table.received(frame, self.table.infos[frame].decode(raw, self.device), raw, None)
         except FrameError as error:
@@ -113,7 +113,7 @@ class Loop:
             return FrameValue(frame, dict(error.fields), raw, error.refuse)
 
     def request(self, raw: bytes, group: str = "request") -> FrameValue:
-        """What these bytes are among the frames of a group: the first that is good or refusable."""
+        """Return the first frame of the group that fits the bytes or is to be refused."""
         for frame in self.protocol.frames_of(group):
             try:
                 return self.arrived(frame, raw)
@@ -128,7 +128,7 @@ class Loop:
         return served
 
     def answer(self, raw: bytes) -> bytes:
-        """The bytes that the server answers to these bytes."""
+        """Return the server's reply to these bytes."""
         request = self.request(raw)
         served = self.serve(request)
         assert served.reply is not None
@@ -137,7 +137,7 @@ class Loop:
     # ---- what tests ask -----------------------------------------------------------------------------------
 
     def do(self, method: str, *arguments: Any, **options: Any) -> TransferResult:
-        """Runs one of the client's methods to its end."""
+        """Run a method of the client to its end."""
         results: list[TransferResult] = []
         getattr(self.client, method)(*arguments, now=0, on_done=results.append, **{"station": 1, **options})
         assert len(results) == 1

@@ -1,4 +1,4 @@
-"""Areas whose words do not begin with their low byte, and elements at any byte: on clients, devices and in memory."""
+"""Areas whose words do not begin with the low byte, and elements at any byte: in clients, devices and memory."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ receiver: {gap: 50 ms}
 
 
 def test_a_wrong_check_code_is_that_of_the_frame_of_which_nothing_else_is_wrong() -> None:
-    """The frame whose `where` does not fit has a wrong check code too, at another place or at the same."""
+    """The frame whose `where` does not fit also has a wrong check code, at another offset or at the same."""
     for data in (bytes.fromhex("C8 05 7F 01 02 03 04 05 06 00 77"), bytes.fromhex("C8 04 7F 01 02 77")):
         found = feed(receiver_of(GROUP), [data], ("mode", "pair", "other"))
         assert found[0][:3] == ("bad", "other", "check")

@@ -1,4 +1,4 @@
-"""Names of command blocks on a channel: whose a variable is, and that sessions end for both."""
+"""Scope of the names of command blocks on a channel: owners of variables, and sessions that end for both sides."""
 
 from __future__ import annotations
 

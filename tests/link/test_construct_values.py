@@ -1,4 +1,4 @@
-"""Values that definitions write down, and expressions read backwards."""
+"""Literal values in definitions, and inverse evaluation of expressions."""
 
 from __future__ import annotations
 

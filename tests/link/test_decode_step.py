@@ -1,5 +1,5 @@
 # ruff: noqa: E501 - definitions in YAML
-"""`decode:` in steps: bytes of several frames become one, and wrong ones are bad frames."""
+"""`decode:` in steps: the bytes of several frames are joined and decoded; wrong bytes are bad frames."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def piece(part: bytes, last: bool) -> bytes:
 
 
 def collected(data: bytes, more: str = "", size: int = 3) -> Side:
-    """A client that got these bytes in pieces."""
+    """Return a client that received these bytes in pieces."""
     side = Side(PIECES % more, "client", counters=LinkCounters())
     side.ask()
     parts = [data[at : at + size] for at in range(0, len(data), size)]

@@ -17,7 +17,7 @@ from framekit.memory.memory import unit_bits
 
 
 class Pair(Commands):
-    """The same, with READ and WRITE; `sent` are the requests as they stood on the line, without header and frame."""
+    """A pair with READ and WRITE; `sent` are the requests on the line, without header and frame."""
 
     def __init__(self, processor: str, **params: Any) -> None:
         super().__init__(processor, **params)

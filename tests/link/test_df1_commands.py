@@ -1,4 +1,4 @@
-"""The command set on two engines with a virtual full-duplex line between them: every service, family by family."""
+"""The command set on two engines with a virtual full-duplex line: every service, family by family."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def text() -> str:
 
 
 class Pair:
-    """A computer, node 0, and a processor, node 5; both know the family."""
+    """A computer, node 0, and a processor, node 5; both have the parameter of the family."""
 
     def __init__(self, processor: str, **params: Any) -> None:
         protocol, codec = compiled(text())
@@ -68,7 +68,7 @@ class Pair:
         return results[0]
 
     def gives(self, service: str, **arguments: Any) -> Any:
-        """The one result of a service that must succeed."""
+        """Call a service, which must succeed, and return its only result."""
         result = self.call(service, **arguments)
         assert result.ok, (service, result)
         (value,) = result.gives.values()
@@ -195,7 +195,7 @@ def test_the_compatibility_file(processor: str, file: str) -> None:
 
 
 def test_words_of_the_compatibility_file() -> None:
-    """2.1: an SLC counts words unless S:2/8 is set (`byte_addresses`)."""
+    """Compatibility file 2.1: an SLC counts words unless S:2/8 is set (`byte_addresses`)."""
     for given, byte in (({}, 6), ({"byte_addresses": True}, 3)):
         pair = Pair("slc", **given)
         pair.done("unprotected_write", address=3, data=b"\x34\x12")
@@ -278,12 +278,12 @@ def test_program_files_are_opened_read_written_and_closed() -> None:
 
 
 def part(address: int, data: bytes) -> bytes:
-    """A part of an image as upload gives it."""
+    """Return a part of an image in the format of an upload."""
     return address.to_bytes(4, "little") + len(data).to_bytes(4, "little") + data
 
 
 def filled(pair: Pair, seed: int = 7) -> bytes:
-    """Something in the physical memory of a device."""
+    """Fill the physical memory of a device; return its content."""
     memory = bytes((place * seed + (place >> 8)) & 0xFF for place in range(16384))
     pair.state.set("physical", memory)
     return memory
@@ -409,7 +409,7 @@ def test_what_an_error_reply_tells_more() -> None:
 
 
 def crc16(data: bytes) -> bytes:
-    """As the link sends it."""
+    """Return the CRC of the link."""
     register = 0
     for octet in data:
         register ^= octet

@@ -25,13 +25,13 @@ INDEX = {
 """CMD and FNC of the index of commands, specification 3.2."""
 
 BY_ALL = {0x0100, 0x0800, 0x0600, 0x0601, 0x0603, 0x0607}
-"""What every processor executes, 0F/03 and others aside."""
+"""Commands that every processor executes, apart from 0F/03 and others."""
 
 WITH_DATA = {
     *(0x0100, 0x0400, 0x0600, 0x0601, 0x0603, 0x0609, 0x0F01, 0x0F04, 0x0F09, 0x0F17, 0x0F29, 0x0F53, 0x0F68, 0x0F79),
     *(0x0F81, 0x0FA1, 0x0FA2, 0x0FA7),
 }
-"""Commands whose good reply is more than the header."""
+"""Commands whose good reply has data after the header."""
 
 
 @cache
@@ -40,7 +40,7 @@ def protocol() -> Protocol:
 
 
 def code_of(frame: Frame) -> int | None:
-    """CMD and FNC of a command, None for replies and link frames."""
+    """Return CMD and FNC of a command; None for replies and link frames."""
     cmd = fnc = None
     for segment in frame.segments:
         for part in segment.parts if isinstance(segment, Bits) else ():
@@ -56,7 +56,7 @@ def code_of(frame: Frame) -> int | None:
 
 @cache
 def commands() -> dict[str, int]:
-    """Frame → CMD and FNC."""
+    """Return CMD and FNC by frame name."""
     codes = {name: code_of(frame) for name, frame in protocol().frames.items()}
     return {name: code for name, code in codes.items() if code is not None}
 
@@ -72,7 +72,7 @@ def test_every_command_has_a_vector() -> None:
 
 
 def test_every_command_has_a_vector_of_its_reply() -> None:
-    """Named by CMD and FNC, with the number of a command; with data where the reply has some."""
+    """The vectors are named by CMD and FNC and refer to a command by its number; replies with data have data."""
     replied: dict[str, list[Any]] = {}
     cases = vectors_of("pccc").frames
     for case in cases:

@@ -53,7 +53,7 @@ def codec() -> Codec:
 
 
 def payload(random: Random, most: int) -> bytes:
-    """Every second byte is 10h, more or less; the other control characters are frequent too."""
+    """Return random bytes; about every second is 10h, and other control characters are frequent."""
     return bytes(
         0x10 if random.random() < 0.5 else random.choice([2, 3, 5, 6, 0x15, random.randrange(256)])
         for _ in range(random.randrange(most + 1))
@@ -176,7 +176,10 @@ def write(client: Df1BaseClient, values: list[int]) -> bool:
 
 @pytest.fixture
 def peer(tmp_path: Path) -> Iterator[tuple[Df1BaseClient, DeviceService]]:
-    """Its client, and a simulated processor on the same line; not 10h: this client misreads a header with it."""
+    """Return the peer's client, and a simulated processor on the same line.
+
+    Header bytes of 10h are avoided, since the client misreads them.
+    """
     (tmp_path / "peer.device.yaml").write_text(DEVICE)
     clock = VirtualClock()
     line = SimulatedLine(clock, parse_format("8N1", 19200))

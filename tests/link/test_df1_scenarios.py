@@ -1,4 +1,4 @@
-"""Every sequence of specification 1.13, and tables before it, is a conversation of the vectors, for both ends."""
+"""Every sequence of specification 1.13, and of the tables before it, is a conversation of the vectors, both ends."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ TABLES = {
         "the link reset drops", "the link reset of the master",
     ),
 }  # fmt: skip
-"""The rows of the tables of 1.11, in their order, and the further duties of a master."""
+"""The rows of the tables of 1.11 in order, and the further duties of a master."""
 
 
 def names_of(role: str) -> Iterator[str]:

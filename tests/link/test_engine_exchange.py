@@ -1,5 +1,5 @@
 # ruff: noqa: E501 - definitions in YAML
-"""Question and answer of the standard procedure, both roles, on virtual time: replies, repeats, time limits, late replies."""
+"""The standard procedure, both roles, on virtual time: replies, repeats, time limits, late replies."""
 
 from __future__ import annotations
 
@@ -425,7 +425,7 @@ def test_a_stream_out_of_step_is_opened_again() -> None:
 
 
 def connected(session: str) -> Side:
-    """A client whose session begins with one question of its own."""
+    """Return a client whose session begins with a request of its own."""
     opening = (
         "  hello:\n    steps:\n      - step: ask\n        send: {ask: {number: 0, data: h'21'}}\n"
         "        receive: [{frame: answer, then: end}]\n        within: 1 s\n        on_timeout: {fail: nobody}\n"

@@ -1,5 +1,5 @@
 # ruff: noqa: E501 - definitions in YAML
-"""Steps, words, handlers, calls, parts, counters and time limits on small made-up protocols."""
+"""Steps, words, handlers, calls, parts, counters and time limits in small invented protocols."""
 
 from __future__ import annotations
 
@@ -350,7 +350,7 @@ roles: {lamp: {lanes: {main: {listen: hear}}}}
 def test_a_break_ends_frames_where_the_definition_says_so(
     data: str, counts: tuple[int, int, int], slots: int, ends: bool
 ) -> None:
-    """The frame is good or bad, never lost; the run handles the break after a good frame, and alone otherwise."""
+    """The frame is good or bad, never lost; a handler gets the break after the frame or alone."""
     side = Side(BREAKS if ends else BREAKS.replace(", break_ends: yes", ""), "lamp")
     if not ends and slots:
         counts, slots = (0, 1, 0), 0
@@ -396,7 +396,7 @@ roles: {client: {lanes: {main: {exchange: main}}}}
     ],
 )
 def test_a_reply_that_a_break_cuts_off_is_no_good_reply(body: str, data: bytes, outcome: str) -> None:
-    """Where silence is the only end of a frame, a break is a fault of the line and shows no end."""
+    """If only silence ends a frame, a break is a line fault and does not end the frame."""
     side = Side(INTERRUPTED.replace("{data: d, size: rest}", body), "client")
     side.ask()
     side.run(10 * MS)
@@ -740,7 +740,7 @@ listen:
 
 
 def test_a_reply_that_cannot_be_built_is_told_to_the_server_and_nothing_else_is() -> None:
-    """After an acknowledgement too; not for a broadcast, which has no reply, nor when the reply has gone out."""
+    """Also after an acknowledgement; not for a broadcast, which has no reply, nor after the reply was transmitted."""
     text = protocol(ANSWERED, roles="server: {lanes: {main: {listen: listen}}}")
     server = Echoing(lambda request: FrameValue("yes", {"x": request.fields["x"] + 0xFE}))
     side = Side(text, "server", server=server)
@@ -858,7 +858,7 @@ main:
 
 
 def test_what_came_before_is_forgotten() -> None:
-    """Half a block stands before the one that answers: without flushing they are one damaged block."""
+    """Half a block precedes the reply: without flushing, both are one damaged block."""
     for flush, outcome in (("yes", ""), ("no", "damaged")):
         side = run(FLUSHING.format(flush=flush))
         side.gets(b"\x04\x04")

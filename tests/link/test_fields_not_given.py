@@ -1,5 +1,5 @@
 # ruff: noqa: E501 - definitions in YAML
-"""Fields that a made frame was not given: their defaults in expressions, before the frame is sent and after that."""
+"""Fields without a given value: expressions use their defaults, before and after the frame is sent."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Text in services, areas and addresses stays text in the functions of service rows, as it does in all other source."""
+"""Text in services, areas and addresses never becomes code in the functions of service rows, as in all other source."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ EACH = 2
 
 
 def places() -> list[tuple[int, tuple[Any, ...], str]]:
-    """Documents, paths in them, and the schema there."""
+    """Return the tested places: document number, path and schema location."""
     found: dict[str, list[tuple[int, tuple[Any, ...], str]]] = {}
     for number, document in enumerate(documents()):
         for path, place in {path: place for _, _, path, place in spots(document, "protocol.schema.json")}.items():
@@ -87,7 +87,7 @@ def module_code(number: int) -> CodeType:
 
 
 def sources(number: int, document: Any, monkeypatch: pytest.MonkeyPatch) -> list[str] | None:
-    """The source of every function of every row, asking and answering; None for a definition that is refused."""
+    """Return the source of every function of every row, of client and server; None if the definition is refused."""
     found: list[str] = []
 
     def noted(source: str) -> CodeType:

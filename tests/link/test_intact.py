@@ -1,5 +1,5 @@
 # ruff: noqa: E501 - definitions in YAML
-"""The quick look at check codes: it never passes over a frame that the codec would take, or have refused."""
+"""The quick test of check codes never skips a frame that the codec would accept or refuse."""
 
 from __future__ import annotations
 

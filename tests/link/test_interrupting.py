@@ -1,5 +1,5 @@
 # ruff: noqa: E501 - definitions in YAML
-"""Frames that interrupt others and begin with a byte that those never hold: taken out, however the stream is cut."""
+"""Frames that interrupt others, starting with a byte that those cannot contain, for any cuts of the stream."""
 
 from __future__ import annotations
 

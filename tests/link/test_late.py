@@ -59,7 +59,7 @@ class Side:
                 self.do(self.engine.sent(self.now))
 
     def read(self, address: str, value: int = 0) -> None:
-        """Asks for a place, which holds this value now."""
+        """Request a place whose value is now `value`."""
         place = self.client.grammar.parse(address)
         self.memory.write(place.area, place.unit, place.start, [value])
         self.do(self.client.read(address, station=3, now=self.now, on_done=self.results.append).commands)
@@ -76,7 +76,7 @@ class Side:
         self.do(self.engine.receive(data, self.now))
 
     def reply(self, number: int) -> None:
-        """The device's reply to the frame that was sent as that one comes."""
+        """Deliver the device's reply to the transmission of this number."""
         self.come(self.replies[number])
 
     @property
@@ -101,7 +101,7 @@ BARE = "\n".join(
     "  reply: {from: server, head: [{const: STX}, {field: code, type: u8}]}" if line.startswith("  reply:") else line
     for line in REGISTERS.split("\n")
 )
-"""Its replies have no check code and repeat no field of the request: noise can look like them."""
+"""Replies of this protocol have no check code and repeat no field of the request, so noise can look like them."""
 
 
 @pytest.mark.parametrize(("noise", "late", "sent"), [(b"", 1, 1600 * MS), (b"\x55", 0, 2000 * MS)])
@@ -177,7 +177,7 @@ def test_a_late_reply_gives_the_others_as_long_again() -> None:
 
 
 def test_a_damaged_reply_may_be_none() -> None:
-    """A bad frame of another station is no reply that has come: the reply may still come."""
+    """A bad frame of another station does not count as the reply, which may still arrive."""
     side = Side()
     side.read("R1", 0)
     side.come(side.replies[0][:1] + b"\x09" + side.replies[0][2:-1] + b"\0")
@@ -185,7 +185,7 @@ def test_a_damaged_reply_may_be_none() -> None:
 
 
 def test_a_reply_with_a_wrong_check_code_is_the_reply() -> None:
-    """In step, a frame that is the reply but for its check code leaves no open request."""
+    """In step, a frame that differs from the reply by its check code only closes the request."""
     side = Side()
     side.read("R1", 0)
     side.come(side.replies[0][:-1] + b"\0")
@@ -258,7 +258,7 @@ def test_replies_that_nobody_asked_for_come_without_end_and_the_exchange_fails()
 
 
 def test_what_the_line_kept_and_lets_go_with_the_next_reply_is_not_taken() -> None:
-    """Two replies to one request: either may be the late one, so the request is sent again."""
+    """Two replies to one request: either may be the late reply, so the request is repeated."""
     side = Side(retries=0)
     side.read("R1", 11)
     side.until(3 * SECOND)
@@ -284,7 +284,10 @@ ONE_PLACE = ("R1", "R2", REGISTERS), ("40001", "40002", "modbus-rtu")
 
 @pytest.mark.parametrize(("first", "second", "protocol"), ONE_PLACE)
 def test_a_request_cannot_have_two_replies(first: str, second: str, protocol: str) -> None:
-    """The first reply in the read belongs to a request that is not known: it is asked again until two are equal."""
+    """The first reply in the piece belongs to an unknown request.
+
+    The request is repeated until two replies are equal.
+    """
     side = Side(protocol)
     other = Side(protocol)
     other.read(first, 11)
@@ -342,7 +345,7 @@ def test_a_request_is_open_until_a_later_reply_is_proved_however_long_that_takes
 
 @pytest.mark.parametrize("when", [500 * MS, SECOND])
 def test_a_late_reply_may_come_after_the_port_was_lost_and_opened_again(when: int) -> None:
-    """A gateway sends what its serial line brings to the connection that is open then."""
+    """A gateway forwards its serial line to whichever connection is open then."""
     side = Side(retries=0)
     side.read("R1", 11)
     side.until(when)
@@ -599,7 +602,7 @@ def test_where_nothing_is_late_nothing_is_held_back() -> None:
     ("retries", "protocol"), [(0, REGISTERS), (1, REGISTERS), (0, "modbus-rtu"), (1, "modbus-rtu")]
 )
 def test_a_byte_behind_each_reply_does_not_make_a_client_deaf(retries: int, protocol: str) -> None:
-    """The line's driver leaves one when it is switched off: one lost reply makes no other one late."""
+    """The line's driver leaves a byte when it is switched off; a lost reply does not make further replies late."""
     side = Side(protocol, retries=retries)
     place = "R1" if protocol == REGISTERS else "40001"
     for number in range(5):
@@ -647,12 +650,12 @@ sequences:
         on_timeout: {fail: no_reply}
 """
 )
-"""Each request is answered by two frames: it is accepted, and its values follow."""
+"""Two frames answer each request: an acceptance, and then the values."""
 
 
 @pytest.mark.parametrize("later", [0, 3, 15])
 def test_a_late_second_frame_of_a_reply_is_not_that_of_the_next_request(later: int) -> None:
-    """The hold ends when no further frame came for as long as the first was late, but the second may still come."""
+    """The hold ends if no further frame arrives for as long as the first was late, but the second may still arrive."""
     side = Side(TWO_FRAMES)
     accepted = side.engine.table.infos["accepted"].encode({"station": 3, "code": 9}, side.engine.scope)
     side.read("R1", 11)
@@ -677,7 +680,7 @@ def test_a_late_second_frame_of_a_reply_is_not_that_of_the_next_request(later: i
 SWAPPED = REGISTERS.replace(
     "{field: station, type: u8}, {field: code, type: u8}", "{field: code, type: u8}, {field: station, type: u8}"
 ).replace("where: {code: 1}", "where: {code: 3}")
-"""Another protocol: a reply of station 3 with the code 1 is there a reply of station 1 with the code 3."""
+"""Another protocol: a reply of station 3 with code 1 is a reply of station 1 with code 3 in it."""
 
 
 def line_of_another_protocol(text: str) -> tuple[Side, Side]:

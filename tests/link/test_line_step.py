@@ -29,7 +29,7 @@ OWN = parse_format("7E1", 300)
 
 
 class One:
-    """One side of the line: an engine on a port."""
+    """A side of the line: an engine on a port."""
 
     def __init__(self, role: str, port: Port, clock: Clock, text: str = MODE_C, **params: Any) -> None:
         protocol, codec = compiled(text)
@@ -87,7 +87,7 @@ def test_both_sides_change_behind_what_was_sent_and_are_back_for_the_next(offers
 
 
 def test_times_on_the_wire() -> None:
-    """The acknowledgement takes its time at 300, the block its own at 9600: 1/30 s and 1/960 s a character."""
+    """The acknowledgement is transmitted at 300 baud, the block at 9600: 1/30 s and 1/960 s per character."""
     world = World()
     world.read()
     at = {(seen.direction, seen.frame): seen.at for seen in world.client.seen if seen.kind == "frame"}
@@ -162,7 +162,7 @@ def test_a_session_that_cannot_be_opened_leaves_no_other_line() -> None:
 
 
 def test_what_another_format_makes_of_characters() -> None:
-    """7E1 heard as 8N1 is the character with its parity bit on top; another speed is never good."""
+    """7E1 received as 8N1 is the character with its parity bit as the highest bit; another speed is never good."""
     clock = VirtualClock()
     line = SimulatedLine(clock, OWN)
     one, other = line.port("one"), line.port("other")

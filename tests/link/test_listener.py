@@ -1,4 +1,4 @@
-"""A listener between others: both sides on the same wires, in any pieces, with noise, damage and pauses."""
+"""A passive listener: both sides on the same wires, in any pieces, with noise, damage and pauses."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Bench:
 
 @pytest.mark.parametrize("piece", [0, 1, 3])
 def test_requests_and_replies_on_the_same_wires(piece: int) -> None:
-    """A write's reply has the bytes of its request: which is which follows from who spoke last."""
+    """The reply to a write equals its request; the previous frame decides which it is."""
     bench = Bench("modbus-rtu")
     for data in (ASK, ANSWER, SET, SET, ASK, ANSWER):
         bench.hear(data, piece=piece)
@@ -108,7 +108,7 @@ def test_a_damaged_character_makes_a_bad_frame() -> None:
 
 
 def test_two_directions_are_two_streams() -> None:
-    """Pieces of a reply and of the next request in between do not mix."""
+    """Pieces of a reply and of a simultaneous request are not mixed."""
     bench = Bench("modbus-rtu", client="out")
     bench.hear(ASK, direction="out")
     bench.hear(ANSWER[:5], direction="in")
@@ -147,7 +147,7 @@ def test_another_sender_drops_what_is_unfinished() -> None:
 
 @pytest.mark.parametrize("name", ["modbus-rtu", "ccm"])
 def test_a_bad_frame_is_one_thing_in_every_view(name: str) -> None:
-    """A frame with a wrong check code is bad; that its bytes are passed over again afterwards is not noise as well."""
+    """A frame with a wrong check code counts as a bad frame; its bytes do not also count as noise."""
     bench = Bench(name)
     data = ASK[:-1] + b"\x00" if name == "modbus-rtu" else bytes.fromhex("01 30 31 30 31 30 31 30 31 30 31 30 31 17 77")
     bench.hear(data)
@@ -164,7 +164,7 @@ def test_a_bad_frame_is_one_thing_in_every_view(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["modbus-rtu", "mldp"])
 def test_a_pause_that_no_tick_has_noted_ends_no_frame_where_times_are_those_of_reading(name: str) -> None:
-    """The process was stalled between two reads: the rest of the frame waited in the port."""
+    """The process was stalled between two reads; the rest of the frame waited in the port."""
     frame = ANSWER if name == "modbus-rtu" else bytes.fromhex("05 30 31 72 53 53 30 31 30 36 25 4D 57 31 30 30 04")
     frame += b"" if name == "modbus-rtu" else b"%02X" % (sum(frame) & 0xFF)
     for size in range(1, len(frame)):
@@ -187,7 +187,7 @@ def test_a_pause_that_a_tick_has_noted_ends_a_frame_where_times_are_those_of_rea
 
 
 def test_a_silence_that_no_tick_has_noted_is_a_place_to_begin_again() -> None:
-    """A broken frame and the next one were read one after the other, too fast for a tick between them."""
+    """A broken frame and the next frame were read in succession, too fast for a tick between them."""
     bench = Bench("modbus-rtu")
     bench.listener.hear_late()
     bench.hear(ANSWER[:6])

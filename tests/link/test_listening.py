@@ -1,5 +1,5 @@
 # ruff: noqa: E501 - definitions in YAML
-"""Listeners that begin anew where they have ended, lanes that use a run again, and the order of what ends at once."""
+"""Listeners that restart at their end, lanes that reuse a run, and the order of simultaneous ends."""
 
 from __future__ import annotations
 
@@ -186,7 +186,7 @@ roles:
 
 
 def replied(side: Side, reply: bytes, pause: int) -> bool:
-    """Give a reply with a pause after its first byte; return whether the last exchange has ended well."""
+    """Deliver a reply with a pause after its first byte; return whether the last exchange has succeeded."""
     before = len(side.outcomes)
     side.gets(reply[:1])
     side.run(pause)

@@ -1,5 +1,5 @@
 # ruff: noqa: E501 - definitions in YAML
-"""Lists of variables: units mixed in one list, or a list for each; values of each item; items that are read backwards."""
+"""Lists of variables: mixed units in one list, or a list per unit; values of each item; inverse evaluation of items."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which name `on_bad` gives to a frame with a wrong check code that several frames could be."""
+"""The name that `on_bad` gives to a frame with a wrong check code that may be one of several frames."""
 
 from __future__ import annotations
 

@@ -76,7 +76,7 @@ def with_marks(data: bytes, faults: tuple[CharacterFault, ...]) -> str:
 
 
 def marked(text: str) -> list[tuple[int, bool]]:
-    """`0B* 0B`: bytes, the marked ones with an asterisk."""
+    """Parse `0B* 0B`: bytes, the marked bytes with an asterisk."""
     return [(int(word[:2], 16), word.endswith("*")) for word in text.split()]
 
 
@@ -126,7 +126,10 @@ def test_characters_take_eleven_bit_times() -> None:
 
 @pytest.mark.parametrize("of", ["command", "answer"])
 def test_who_disagrees_about_marks_sees_damaged_frames(of: str) -> None:
-    """The client marks the first byte of commands and looks for a marked last byte; the machine does otherwise."""
+    """The client marks the first byte of commands and expects a marked last byte.
+
+    The machine is configured otherwise.
+    """
     other = {"command": ("mark: first", "mark: none"), "answer": ("mark: last, tail", "mark: none, tail")}[of]
     text = VENDING.replace(*other)
     assert text != VENDING
@@ -241,7 +244,7 @@ def test_a_ninth_bit_can_be_damaged_too() -> None:
 
 
 def test_what_stands_around_a_port_passes_marks_on() -> None:
-    """The direction, the echo that is taken away, the port of one station of several."""
+    """Direction control, echo removal, and a port shared by stations."""
     wires = Wires(text="9N1", echo=True)
     for port in wires.ports:
         port.close()

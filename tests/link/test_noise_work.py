@@ -1,4 +1,4 @@
-"""Noise costs little a byte, however it is cut: calls are counted, so that no other load on the machine matters."""
+"""Noise costs little per byte for any cuts: calls are counted, since they do not depend on the load of the machine."""
 
 from __future__ import annotations
 
@@ -24,10 +24,12 @@ from framekit.link.receiver import BAD_APART, GOES_ON, MOST_BAD
 
 SIZE = 6_000
 MOST = 15
-"""Calls of functions for each byte of random noise: the dearest of the shipped protocols needs 9, but for these."""
+"""Most function calls per byte of random noise; the most expensive shipped protocol needs 9, apart from these."""
 MOST_OF = {"m-bus": 26, "host-link": 30, "mewtocol": 24}
-"""M-Bus: random bytes hold many frames of five bytes, and records whose fault is looked for: 18; in small pieces 23.6.
-Host Link: frames of a long response begin with any byte, so a check code is worked out from each on: 21.5, and 28.6."""
+"""M-Bus: random bytes contain many frames of five bytes, and records that are diagnosed: 18, in small pieces 23.6.
+
+Host Link: frames of a long response begin with any byte, so a check code is computed from each byte on: 21.5, and 28.6.
+"""
 
 
 @cache
@@ -47,13 +49,13 @@ def engine(name: str, role: str | None, monitor: Monitor | None = None) -> Engin
 def calls(
     name: str, role: str | None, pieces: list[bytes], monitor: Monitor | None = None, pause: int = 1000
 ) -> tuple[int, Engine]:
-    """How many functions are called while these pieces come with pauses (ns) between them."""
+    """Return the number of function calls while these pieces arrive with pauses (ns) between them."""
     hearing = engine(name, role, monitor)
     return calls_of(hearing, pieces, pause), hearing
 
 
 def calls_of(hearing: Engine, pieces: list[bytes], pause: int = 1000) -> int:
-    """As `calls`, for an engine."""
+    """Return the number of calls as `calls` does, for an engine."""
     count, now = 0, 1_000_000_000
 
     def counted(frame: object, event: str, argument: object) -> None:
@@ -114,16 +116,19 @@ def test_frames_that_silence_ends_hold_nothing_up_for_longer_than_their_greatest
 
 
 PARTS = 4
-"""The worst bytes are tried in so many tests."""
+"""Number of tests among which the worst bytes are divided."""
 WORST, WORST_IN_SMALL_PIECES = 36, 46
-"""Calls for each byte of the worst bytes that `benchmarks/noise.py` has found; all but these need 27 and 41 at most."""
+"""Most calls per byte of the worst bytes that `benchmarks/noise.py` has found.
+
+The other protocols need at most 27 and 41.
+"""
 WORST_OF, SMALL_OF = {"nmea0183": 46}, {"nmea0183": 64, "mewtocol": 50}
-"""A damaged sentence of 14 bytes is tried as each of twelve, text by text: 45.5, and 63.3 in small pieces."""
+"""A damaged sentence of 14 bytes is tried as each of twelve sentences, text by text: 45.5, and 63.3 in small pieces."""
 
 
 @cache
 def first_bytes(name: str) -> list[bytes]:
-    """How frames of a protocol begin, and frames whose last byte is wrong."""
+    """Return beginnings of frames of a protocol, and frames whose last byte is wrong."""
     protocol, codec = compiled(name)
     sampler = Sampler(codec, engine(name, next(iter(protocol.roles), None)).scope)
     drawn = [sample.data for frame in protocol.frames for sample in sampler.samples(frame, 1, 5) if sample.data]

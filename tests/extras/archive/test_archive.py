@@ -1,4 +1,7 @@
-"""Archives of captures: the same rows by one process, by several, and by a cluster; whole or not there."""
+"""Archives of captures: the same rows by one process, by several, and by a cluster.
+
+An archive is complete or missing.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +27,7 @@ WRONG = ASK[:-1] + b"\x0c"
 
 
 def captures(folder: Path, count: int = 3) -> list[Path]:
-    """Captures of so many exchanges, one more in each; the last ends with a damaged frame."""
+    """Write captures of one, two, … exchanges; the last capture ends with a damaged frame."""
     found = []
     for number in range(1, count + 1):
         path = folder / f"day{number}.pcap"
@@ -42,7 +45,7 @@ def captures(folder: Path, count: int = 3) -> list[Path]:
 
 
 def rows(target: Path) -> list[dict[str, Any]]:
-    """All rows in order, times in nanoseconds."""
+    """Return all rows in order, times in nanoseconds."""
     tables = [pq.read_table(part) for part in sorted(target.iterdir())]
     place = tables[0].schema.get_field_index("time")
     tables = [table.set_column(place, "time", table["time"].cast("int64")) for table in tables]

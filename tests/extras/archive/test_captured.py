@@ -27,7 +27,7 @@ ADDRESSED = {link.protocol: link for link in (*LINKS, *SNP, *PLCS) if link.proto
 
 
 def files(folder: Path, link: Link, number: int) -> Path:
-    """A device that holds a number at the link's address, and a run that reads it."""
+    """Write a device with a number at the link's address, and a run that reads it."""
     station = (
         ""
         if link.station is None or link.protocol == "srtp"

@@ -1,4 +1,4 @@
-"""Diagrams of sequences: every step and every way out of it is there, and no other."""
+"""Diagrams of sequences: they contain exactly the steps and transitions of the sequence."""
 
 from __future__ import annotations
 

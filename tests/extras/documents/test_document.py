@@ -77,7 +77,7 @@ frames:
 
 
 class Tags(HTMLParser):
-    """The elements of a page."""
+    """A parser that collects the elements of a page."""
 
     def __init__(self) -> None:
         super().__init__()

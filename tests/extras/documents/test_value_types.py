@@ -67,7 +67,7 @@ frames:
 
 
 def typescript_of(names: list[str], folder: Path) -> list[Path]:
-    """Modules of protocols, each with frames of its vectors as values of the type."""
+    """Write a module per protocol, with the decoded frames of its vectors as typed values."""
     found = []
     for name in names:
         text = typescript(load_protocol(name))

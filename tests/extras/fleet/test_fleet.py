@@ -1,4 +1,4 @@
-"""Gateways as programs of their own at Debian's mosquitto: listed, lost, found again, and given other run files."""
+"""Gateways as separate programs with Debian's mosquitto: listed, lost, found again, and given other run files."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def write_run(folder: Path, name: str, port: int, more: str = ', token: "env:FLE
 
 @contextmanager
 def gateway(path: Path, *options: str) -> Iterator[subprocess.Popen[bytes]]:
-    """`framekit run` of a file, ended as a service manager would."""
+    """Run `framekit run` on a file, and end it like a service manager."""
     words = [sys.executable, "-m", "framekit", "run", str(path), "--json", *options]
     with (path.parent / "printed").open("ab") as printed:
         process = subprocess.Popen(
@@ -78,7 +78,7 @@ class Watcher:
             self._change.notify_all()
 
     def wait(self, name: str, until: Callable[[Member], object]) -> Member:
-        """The gateway, as soon as something holds of it."""
+        """Return the gateway as soon as a condition on it is true."""
         with self._change:
             there = self._change.wait_for(
                 lambda: name in self.fleet.members and until(self.fleet.members[name]), timeout=60
@@ -102,12 +102,12 @@ def wait_for(holds: Callable[[], object]) -> None:
 
 
 def is_well(member: Member) -> bool:
-    """Whether it is up, and reads its point."""
+    """Return whether it is running and reads its point."""
     return member.online and member.health.get("bad") == [] and not member.troubles
 
 
 def rows(path: Path) -> list[Any]:
-    """The good values that a run has kept, in order."""
+    """Return the good values that a run has stored, in order."""
     found = [json.loads(line) for line in path.read_text("utf-8").splitlines()]
     return [one["value"] for one in found if one["quality"] == "good"]
 
@@ -520,7 +520,7 @@ def test_a_token_that_cannot_be_used_is_told(
 @pytest.mark.long
 @needs_mosquitto
 def test_what_was_changed_while_a_run_goes_on_stays_changed(tmp_path: Path) -> None:
-    """Also where exchanges have failed, and the output is for programs."""
+    """Also if exchanges have failed, and with JSON output."""
     with Broker(tmp_path) as broker, Watcher(broker.port) as watcher:
         path = write_run(tmp_path / "one", "one", broker.port)
         (path.parent / "other.device.yaml").write_text(DEVICE.replace("device: meter", "device: other"), "utf-8")

@@ -36,7 +36,7 @@ def run_file(tmp_path: Path) -> Path:
 
 
 def reasons_of(path: Path, text: str, limit: float = 120.0) -> list[str]:
-    """The refusal of a rolled text; empty if its check finds no errors."""
+    """Return the refusal of a rolled text; empty if its check finds no errors."""
     try:
         asyncio.run(check_apart(path, text.encode(), limit))
     except ValueError as error:

@@ -51,7 +51,7 @@ class Fuzzed:
 
 
 def fuzz(name: str, size: int, seed: int, folder: Path) -> Fuzzed | None:
-    """Puts about so many bytes into the parsers of both sides of a protocol; None where frames are not looked for."""
+    """Feed about `size` bytes to the parsers of both sides of a protocol; None if it has no parser."""
     definition = load_protocol(name)
     made = generate(definition)
     if not made.in_streams:
@@ -71,7 +71,7 @@ def fuzz(name: str, size: int, seed: int, folder: Path) -> Fuzzed | None:
 
 
 def _seeds(made: Generated, codec: Codec, context: dict[str, object]) -> list[bytes]:
-    """Frames that each side may send, some of each."""
+    """Return some samples of each frame that is found in streams."""
     found: list[bytes] = []
     for frame in made.in_streams:
         samples = Sampler(codec, context).samples(frame, max(2, MOST_SEEDS // len(made.in_streams)))

@@ -29,8 +29,11 @@ from framekit.extras.generate_c.source import identifier
 GCC = shutil.which("gcc")
 WARNINGS = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wconversion"]
 SANITIZERS = ["-fsanitize=address,undefined", "-fsanitize-undefined-trap-on-error"]
-"""Flags of AddressSanitizer and UBSan. Undefined behaviour ends the program with SIGILL instead of a message: gcc takes
-half the time for it. For the place, compile the left C with `-fno-sanitize-recover=all -g` instead."""
+"""Flags of AddressSanitizer and UBSan.
+
+Undefined behaviour ends the program with SIGILL instead of a message, which halves the compile time of gcc. To find the
+place, compile the remaining C file with `-fno-sanitize-recover=all -g` instead.
+"""
 _REASONS = [
     "ok",
     "check",
@@ -55,7 +58,7 @@ def gcc(words: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 def object_of(made: Generated, folder: Path, flags: list[str]) -> str:
-    """Write the C of a protocol to `folder`, compile it unless it has been, and return the name of its object file."""
+    """Write the C of a protocol to `folder`, compile it unless already done, and return the name of its object file."""
     found = folder / f"{made.name}.o"
     if not found.exists():
         (folder / f"{made.name}.h").write_text(made.header)
@@ -83,7 +86,7 @@ class CProtocol:
         self.program = program
 
     def ask(self, lines: list[str]) -> list[str]:
-        """The answers to lines."""
+        """Send lines and return the answers."""
         done = subprocess.run([str(self.program)], input="\n".join([*lines, ""]), capture_output=True, text=True)
         assert done.returncode == 0, f"status {done.returncode} {done.stderr[:4000]}"
         found = done.stdout.split("\n")[:-1]
@@ -104,7 +107,7 @@ class CProtocol:
 
 
 def mutated(random_: random.Random, data: bytes, count: int) -> Iterator[bytes]:
-    """Bytes like these with a few changes."""
+    """Yield copies of the bytes with a few changes."""
     for _ in range(count):
         found = bytearray(data)
         for _ in range(random_.choice((1, 1, 1, 2, 3))):
@@ -127,7 +130,7 @@ def mutated(random_: random.Random, data: bytes, count: int) -> Iterator[bytes]:
 
 
 def tokens(values: Mapping[str, Any], struct: CStruct, made: Generated) -> list[str]:
-    """The values of a frame in the order of its struct."""
+    """Return the values of a frame in the order of its struct."""
     found: list[str] = []
     for name, member in struct.members.items():
         value = values.get(name)
@@ -203,7 +206,7 @@ def _tokens_of(value: Any, member: CMember, made: Generated) -> list[str]:
 
 
 def _main(made: Generated) -> str:
-    """A program that reads lines and answers."""
+    """Write a program that reads lines and answers."""
     from framekit.extras.generate_c.source import CSource
 
     out = CSource()
@@ -294,7 +297,7 @@ def _stream(out: Any, made: Generated, context: str) -> None:
 
 
 def _ordered(made: Generated) -> list[str]:
-    """Frames, those inside others first."""
+    """Return the frames, inner frames first."""
     found: list[str] = []
 
     def add(frame: str) -> None:
@@ -526,7 +529,7 @@ int main(void)
 
 
 def differences(c: CProtocol, asked: Iterable[tuple[str, bytes]]) -> list[str]:
-    """Where C and Python do not say the same of bytes."""
+    """Return the frames and bytes that C and Python decode differently."""
     pairs = list(dict.fromkeys(asked))
     found = []
     answers = c.ask([f"d {identifier(frame)} x{data.hex()}" for frame, data in pairs])
@@ -629,7 +632,7 @@ def _holds(value: Any, member: CMember, made: Generated) -> bool:
 
 
 def changed_values(random_: random.Random, value: Any) -> Any:
-    """Values with a change somewhere."""
+    """Return values with a change at a random place."""
     if isinstance(value, Mapping) and value:
         name = random_.choice(sorted(value))
         if random_.random() < 0.1 and len(value) > 1:
@@ -660,7 +663,7 @@ def changed_values(random_: random.Random, value: Any) -> Any:
 
 
 def encode_trial(c: CProtocol, seed: int, samples: int = 6, changes: int = 8) -> list[str]:
-    """Drawn values and changed ones, of every frame that the C has."""
+    """Compare the encoding of drawn values and changed values, for every frame of the C."""
     random_ = random.Random(seed)
     asked: list[tuple[str, Mapping[str, Any]]] = []
     only = {frame for frame, _, _ in c.generated.to_give}
@@ -680,7 +683,7 @@ def encode_trial(c: CProtocol, seed: int, samples: int = 6, changes: int = 8) ->
 
 
 def measure_trial(c: CProtocol, seed: int, samples: int = 4, changes: int = 3) -> list[str]:
-    """Where C and Python do not say the same of how long a frame is, from each number of its bytes."""
+    """Return the prefixes of frames that C and Python measure differently."""
     random_ = random.Random(seed)
     asked: list[tuple[str, bytes]] = []
     left = dict(c.generated.not_measured)
@@ -704,7 +707,7 @@ def measure_trial(c: CProtocol, seed: int, samples: int = 4, changes: int = 3) -
 
 
 def found_by_python(c: CProtocol, side: str, data: bytes) -> list[tuple[str, bytes]]:
-    """The good frames of a stream, and those that are to be refused."""
+    """Return the frames of a stream that Python finds: good frames and frames to be refused."""
     from link.link_world import feed, line_of
 
     from framekit.link.receiver import Receiver
@@ -720,7 +723,7 @@ def found_by_python(c: CProtocol, side: str, data: bytes) -> list[tuple[str, byt
 
 
 def found_by_c(c: CProtocol, side: str, streams: list[bytes], piece: int) -> list[list[tuple[str, bytes]]]:
-    """The same by the parser, which gets so many bytes at once."""
+    """Return the frames that the C parser finds; it gets `piece` bytes at once."""
     numbers = dict(enumerate(c.generated.frames, 1))
     found = []
     for answer in c.ask([f"s {side} x{data.hex()} {piece}" for data in streams]):
@@ -734,7 +737,7 @@ def found_by_c(c: CProtocol, side: str, streams: list[bytes], piece: int) -> lis
 
 
 def streams_of(c: CProtocol, side: str, seed: int, noisy: bool, count: int = 6) -> list[bytes]:
-    """Frames of a side in a row; noise, and frames with a change between them."""
+    """Return streams of a side: frames, noise, and frames with a change between them."""
     random_ = random.Random(seed)
     frames = [one for one in c.generated.in_streams if c.definition.frames[one].side in (side, "both")]
     every = [one for frame in frames for one in c.samples(frame, 4) if one]
@@ -753,7 +756,7 @@ def streams_of(c: CProtocol, side: str, seed: int, noisy: bool, count: int = 6) 
 
 
 def stream_trial(c: CProtocol, seed: int, noisy: bool, count: int = 6) -> tuple[list[str], int]:
-    """Where the parser finds other frames than the receiver; how many streams there were."""
+    """Return the streams in which the C parser and the receiver find different frames, and the number of streams."""
     found, tried = [], 0
     for side in ("client", "server"):
         streams = streams_of(c, side, seed, noisy, count)
@@ -768,7 +771,7 @@ def stream_trial(c: CProtocol, seed: int, noisy: bool, count: int = 6) -> tuple[
 
 
 def trial(c: CProtocol, seed: int, samples: int = 6, changes: int = 12) -> list[str]:
-    """Drawn frames and changed ones, of every frame that the C has."""
+    """Compare drawn frames and changed frames, for every frame of the C."""
     random_ = random.Random(seed)
     asked: list[tuple[str, bytes]] = []
     for frame in c.generated.frames:

@@ -1,4 +1,4 @@
-"""Generated C against the Python: the same values of the same bytes, or the same reason at the same place.
+"""Generated C compared with Python: the same values of the same bytes, or the same reason at the same offset.
 
 gcc compiles it with all warnings as errors, and it runs with AddressSanitizer and UBSan.
 """
@@ -82,7 +82,7 @@ def test_every_kind_of_segment_is_read_and_built_as_by_python(case: Case, tmp_pa
 
 
 def assert_no_harm(name: str, folder: Path) -> None:
-    """Put damaged streams into the parser of a protocol; it neither stops nor loses its way."""
+    """Put damaged streams into the parser of a protocol; assert that it neither crashes nor loses frames."""
     size = many(60_000, 300_000)
     found = fuzz(name, size, seed=5, folder=folder)
     assert found is None or (found.fault == "" and found.bytes >= size and found.good > size // 3000 and found.bad)

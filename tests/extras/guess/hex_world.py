@@ -1,4 +1,4 @@
-"""A recording of a meter that is polled, for the page of unknown lines: by sessions, over sockets, in a browser."""
+"""A recording of a polled meter, for the page of unknown lines: by sessions, over sockets, in a browser."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def polled(count: int = 40) -> list[HeardBytes]:
 
 
 def hex_text(chunks: list[HeardBytes]) -> str:
-    """The same as a file."""
+    """Return the recording as the text of a hex file."""
     ways = {"out": ">", "in": "<", "": ""}
     return "".join(f"{(one.time or 0) / 1e9:.3f} {ways[one.direction]} {one.data.hex(' ')}\n" for one in chunks)
 

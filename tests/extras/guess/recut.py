@@ -1,4 +1,4 @@
-"""Recordings cut into other pieces, as a port that is read byte by byte, an adapter or a dump hands bytes over."""
+"""Recordings cut into other pieces: as read byte by byte, by an adapter, or from a dump."""
 
 from __future__ import annotations
 
@@ -11,11 +11,14 @@ from framekit.extras.guess.model import HeardBytes
 MS = 1_000_000
 CHARACTER = 10_000_000_000 // 9600
 PAUSE = 25 * MS
-"""Between two frames, and longer than an adapter waits."""
+"""Pause between two frames; longer than an adapter waits."""
 
 
 def timed(frames: Sequence[HeardBytes]) -> list[HeardBytes]:
-    """Frames with the times of a line of 9600 bits per second, one after the other; each has that of its last byte."""
+    """Return the frames one after the other with the times of a line of 9600 bits per second.
+
+    Each has the time of its last byte.
+    """
     now, found = 1_000 * MS, list[HeardBytes]()
     for frame in frames:
         now += PAUSE + len(frame.data) * CHARACTER
@@ -24,7 +27,7 @@ def timed(frames: Sequence[HeardBytes]) -> list[HeardBytes]:
 
 
 def byte_times(frames: Sequence[HeardBytes]) -> list[HeardBytes]:
-    """Each byte with its own time."""
+    """Return each byte with its own time."""
     return [
         HeardBytes((frame.time or 0) - (len(frame.data) - 1 - at) * CHARACTER, frame.direction, bytes([byte]))
         for frame in frames
@@ -43,7 +46,7 @@ def in_portions(frames: Sequence[HeardBytes]) -> list[HeardBytes]:
 
 
 def in_lines(frames: Sequence[HeardBytes]) -> list[HeardBytes]:
-    """As a dump of 16 bytes a line, without times: one stream for each way."""
+    """Return the bytes as a dump of 16 bytes per line without times: one stream per direction."""
     streams = defaultdict[str, list[bytes]](list)
     for frame in frames:
         streams[frame.direction].append(frame.data)
@@ -56,7 +59,7 @@ def in_lines(frames: Sequence[HeardBytes]) -> list[HeardBytes]:
 
 
 def split(share: float) -> Callable[[Sequence[HeardBytes]], list[HeardBytes]]:
-    """So many of the frames in two, at a place that is drawn."""
+    """Return a function that splits this share of the frames in two, at a random place."""
 
     def cut(frames: Sequence[HeardBytes]) -> list[HeardBytes]:
         rng, found = random.Random(f"split {share}"), list[HeardBytes]()

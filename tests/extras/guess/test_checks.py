@@ -20,7 +20,7 @@ METHODS = [
 
 
 class Maker:
-    """Makes frames of one protocol: a mark perhaps, a station, a function, data, a code, a mark perhaps."""
+    """Builds frames of one protocol: optional mark, station, function, data, code, optional mark."""
 
     def __init__(self, seed: int, method: CheckMethod | None) -> None:
         self.rng = rng = random.Random(seed)
@@ -43,7 +43,7 @@ class Maker:
 
 
 def drawn(rng: random.Random) -> CheckMethod:
-    """A CRC that stands in no catalogue."""
+    """Draw a CRC that is in no catalogue."""
     width, refin = rng.choice([16, 16, 24, 32]), rng.random() < 0.5
     starts = 0, (1 << width) - 1, rng.randrange(1 << width)
     return CheckMethod(
@@ -119,7 +119,7 @@ def test_fletchers_code_is_found() -> None:
 
 
 def test_a_mark_beside_a_code_is_no_part_of_it() -> None:
-    """A sum whose high byte hardly changes fits a code of two bytes, of which one is a mark."""
+    """A sum whose high byte hardly changes could be a two-byte code of which one byte is the mark."""
     rng = random.Random(11)
     frames = []
     for size in [rng.choice([3, 5]) for _ in range(60)]:
@@ -140,7 +140,7 @@ def test_a_mark_before_a_code_does_not_count() -> None:
 
 
 def others(kind: str, rng: random.Random) -> list[bytes]:
-    """Frames without a check."""
+    """Return frames without a check code."""
     count, size, value = rng.choice([10, 50, 200]), rng.choice([8, 16, 24]), 500
     match kind:
         case "random":
@@ -167,7 +167,10 @@ def test_nothing_is_said_where_there_is_no_check(kind: str) -> None:
 
 @pytest.mark.parametrize("start", [b"$", b"!"])
 def test_the_exclusive_or_between_a_mark_and_an_asterisk_is_found_with_few_codes(start: bytes) -> None:
-    """Sentences as NMEA has them, whose codes have few values: a CRC with the polynomial 1 says the same, and less."""
+    """Sentences in the style of NMEA, with few values of the code.
+
+    A CRC with the polynomial 1 is equivalent, but more complex.
+    """
     frames = []
     for number in range(40):
         body = f"WIMWV,{number * 9 % 360:03d}.0,R,{number % 20:04.1f},N,A".encode()

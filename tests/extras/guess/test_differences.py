@@ -19,7 +19,10 @@ MODBUS = ready_methods()["crc16-modbus"]
 
 
 def registers(level: int, seed: int, extra: bool = False, count: int = 20) -> list[HeardBytes]:
-    """Two stations and three requests in turn; the first register of one of them is the level, the others are noise."""
+    """Return a recording of two stations and three requests in turn.
+
+    One register is the level, the others are noise.
+    """
     rng, found = random.Random(seed), list[HeardBytes]()
     polls = [(17, 4, 16, 3), (17, 3, 100, 2), (18, 4, 16, 2), *[(17, 1, 0, 8)] * extra]
     for at in range(count):
@@ -78,7 +81,7 @@ def test_a_definition_that_reads_one_recording_alone(tmp_path: Path, capsys: pyt
 
 
 def test_values_that_are_mostly_greater_differ() -> None:
-    """Ranges that lie over each other at their ends; noise does not differ, nor what only goes up."""
+    """Ranges that overlap at their ends differ; noise does not differ, nor do values that only increase."""
 
     def recording(base: int, seed: int) -> list[HeardBytes]:
         rng, found = random.Random(seed), []

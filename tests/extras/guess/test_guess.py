@@ -1,4 +1,4 @@
-"""Unknown lines: framing, fields and sides, made-up protocols of the score, and the verbs."""
+"""Unknown lines: framing, fields and sides, random protocols of the score, and the verbs."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def rtu(data: bytes) -> bytes:
 
 
 def polls(count: int, one_wire: bool = False) -> list[HeardBytes]:
-    """Modbus RTU of two stations, with three functions."""
+    """Return polls of Modbus RTU with two stations and three functions."""
     rng, found = random.Random(1), list[HeardBytes]()
     for at in range(count):
         head = bytes([rng.choice([1, 2]), rng.choice([3, 3, 4, 6])])
@@ -254,7 +254,7 @@ def test_data_of_varying_size_is_compared_byte_by_byte() -> None:
 
 @pytest.mark.parametrize(("name", "start"), [("crc16-arc", b""), ("lrc8", b""), ("crc16-arc", b"\x10\x02")])
 def test_a_code_behind_the_end_mark_is_found(name: str, start: bytes, tmp_path: Path) -> None:
-    """As of DF1: the CRC counts the content without its stuffing and ETX, the sum the content alone."""
+    """As in DF1: the CRC covers the content without stuffing and the ETX, the sum covers the content only."""
     rng, chunks = random.Random(13), list[HeardBytes]()
     for _ in range(40):
         data = bytes(rng.choice([0x10, rng.randrange(256)]) for _ in range(rng.choice([5, 8, 12])))

@@ -1,6 +1,6 @@
-"""The page of an unknown line in a real browser: bytes in colours, a byte that is pointed at, a click that names.
+"""The page of an unknown line in a real browser: coloured bytes, a byte under the pointer, a click that names.
 
-With FRAMEKIT_SCREENSHOTS set, the picture of docs/images is made anew.
+With FRAMEKIT_SCREENSHOTS set, the picture of docs/images is made again.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ pytestmark = [needs_chromium, pytest.mark.long]
 
 
 def cells(page: Looking, row: int) -> list[Any]:
-    """The cells of a row's bytes in hex."""
+    """Return the cells of a row's bytes in hex."""
     script = """return [...document.querySelectorAll('#lines .cells')].filter(one => !one.hidden)[arguments[0]]
         .querySelectorAll('.hex i:not(.none)')"""
     return list(page.run(script, row))

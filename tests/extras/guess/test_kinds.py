@@ -31,7 +31,7 @@ def exchanges(pairs: list[tuple[bytes, bytes]]) -> list[HeardBytes]:
 
 
 def meter(count: int, temperature: int, spread: int, seed: int) -> list[HeardBytes]:
-    """A counter in the request, three requests, replies of words, whose length counts words."""
+    """Return requests with a counter, of three kinds, and replies of words, whose length field counts words."""
     rng, pairs, energy = random.Random(seed), list[tuple[bytes, bytes]](), 5000
     for at in range(count):
         first, number = [(0, 4), (4, 2), (6, 1)][at % 3]
@@ -63,7 +63,7 @@ def test_a_measured_byte_tells_no_kinds_apart(tmp_path: Path, count: int, temper
 
 
 def test_what_drifts_tells_no_kinds_apart() -> None:
-    """A slow number: its high byte goes up once, as another byte does."""
+    """A slow number: its high byte increases once, at the same time as another byte."""
     rng, chunks = random.Random(3), []
     for at in range(60):
         late = at >= 30
@@ -73,7 +73,10 @@ def test_what_drifts_tells_no_kinds_apart() -> None:
 
 
 def test_what_request_and_reply_have_alike_tells_kinds_apart() -> None:
-    """The reply has the byte of the request with one bit turned; an error has another bit, and is counted."""
+    """The reply has the function byte of the request with another bit set.
+
+    An error has one more bit, and is counted.
+    """
     rng, pairs = random.Random(5), []
     for at in range(60):
         function = at % 3 + 1

@@ -1,4 +1,4 @@
-"""Speed and format of a line, found by listening: what UARTs hear at other speeds, how it is judged, whole trials."""
+"""Speed and format of a line, found by listening: characters at wrong speeds, verdicts, whole trials."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ TRAFFIC = {
 
 
 def traffic(kind: str, line: LineFormat, random: Random, frames: int) -> Wire:
-    """Frames with pauses; in some lines there is a rest between characters, too."""
+    """Yield frames with pauses; on some lines, characters are also separated by a rest."""
     wire, character = Wire(end=50 * MS), line.character_time
     between = random.choice([0, 0, 0, character * random.random() * 2])
     for _ in range(frames):

@@ -27,7 +27,7 @@ NOT_FROM_LINES = {
     "pymodbus-rtu", "minimalmodbus-rtu", "mbpoll-rtu", "mbpoll-silent", "pymodbus-silent", "df1", "melsec-4e",
     "melsec-3e-ascii", "melsec-1c", "osdp", "m-bus", "iec62056-21", "sbf", "msp",
 }  # fmt: skip
-"""Their frames are not found in streams without pauses."""
+"""Recordings whose frames are not found in streams without pauses."""
 
 
 def held_against(name: str, cut: str, count: int = 80) -> None:
@@ -68,7 +68,7 @@ MODBUS = ready_methods()["crc16-modbus"]
 
 
 def polled(count: int) -> list[bytes]:
-    """Requests and replies of Modbus RTU, in turns."""
+    """Return requests and replies of Modbus RTU, in turns."""
     rng, found = random.Random(5), list[bytes]()
     for _ in range(count):
         size = rng.randrange(1, 6)

@@ -19,7 +19,7 @@ def said_of(frames: Sequence[bytes], ways: tuple[Direction, Direction] = ("", ""
 
 
 def check_of(found: Guess) -> tuple[str, int, str]:
-    """The name or kind of the check, the first byte that counts, and its order."""
+    """Return the name or kind of the check code, the first covered byte, and its order."""
     assert found.check is not None and found.check.evidence.holds >= 0.95 * found.check.evidence.of
     method, place = found.check.method, found.check.place
     own = f"{method.kind}{method.width}{f' {method.complement}' if method.complement else ''}"

@@ -74,7 +74,7 @@ class Wire(Port):
 
 
 class Bench:
-    """A recorder on virtual time, at one wire or two."""
+    """A recorder on virtual time with one or two wires."""
 
     def __init__(self, path: Path | None, wires: int = 1, *, through: bool = False) -> None:
         self.clock = VirtualClock()
@@ -265,7 +265,7 @@ def _only_when_waiting(add: Callable[..., bool]) -> Callable[..., bool]:
 
 @pytest.mark.parametrize("number", [1, 3])
 def test_a_full_disk_is_told(tmp_path: Path, number: int) -> None:
-    """The records wait for the thread, which writes them together."""
+    """The records are queued, and the writer thread writes them together."""
     full = tmp_path / "x.pcap"
     bench = Bench(full)
     sink = next(iter(bench.recorder._capture._sinks.values()))  # type: ignore[union-attr]

@@ -38,9 +38,9 @@ def test_each_recording_has_its_truth_and_its_row() -> None:
 
 
 DEAR = {"mbpoll-tcp", "melsec-4e", "melsec-3e-ascii", "fins-tcp"}
-"""Recordings that take 10 s each and have a length before the body, as two others have: tried when all is asked for."""
+"""Recordings that take 10 s each and have a length before the body, like two others; only used in the whole test."""
 SHARE = many(3, 1)
-"""One case in so many is tried, counted over all recordings: of each number of frames, damaged or not."""
+"""Step of the tested cases, over all recordings, numbers of frames, and damaged or clean."""
 
 
 @pytest.mark.long

@@ -53,7 +53,7 @@ def test_text_of_varying_size_is_written_as_text() -> None:
 
 
 def test_text_before_the_end_mark_ends_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """So a damaged frame ends at its mark, and does not hold the next one back."""
+    """A damaged frame ends at its mark, and does not delay the next frame."""
     rng = random.Random(7)
     chunks = []
     for at in range(40):
@@ -74,7 +74,7 @@ def test_text_before_the_end_mark_ends_there(tmp_path: Path, capsys: pytest.Capt
 
 
 def asked_and_told(level: int, count: int) -> str:
-    """Polls of two registers; the first one is the level, the second counts."""
+    """Return polls of two registers: the level, and a counter."""
 
     def line(way: str, data: bytes) -> str:
         return f"{way} {(data + compute(ready_methods()['crc16-modbus'], data).to_bytes(2, 'little')).hex(' ')}\n"

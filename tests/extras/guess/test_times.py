@@ -27,7 +27,7 @@ def recorded(name: str) -> Guess:
     [("mbpoll-silent", 250, 0, 355), ("pymodbus-silent", 200, 2, 613)],
 )
 def test_the_time_out_of_a_program_is_seen(name: str, timeout: int, repeats: int, period: int) -> None:
-    """mbpoll waits 150 ms, and as long as after a reply, 100 ms; pymodbus waits 200 ms, and repeats twice."""
+    """mbpoll waits 150 ms, and then 100 ms as after a reply; pymodbus waits 200 ms, and repeats twice."""
     times = recorded(name).times
     assert times.longest_timeout is not None and abs(times.longest_timeout / MS - timeout) <= 5
     assert times.unanswered is not None and times.unanswered.repeats == repeats
@@ -67,7 +67,7 @@ def line(*frames: tuple[int, str, bytes]) -> list[TimedFrame]:
 
 
 def test_a_device_that_is_never_there_tells_no_repeats() -> None:
-    """Each second the same request: these may be polls as well as repeats."""
+    """The same request once a second may be polls or repeats."""
     answered = [(at, side, data) for at, side, data in ((0, "client", b"askA"), (5, "server", b"told"))]
     times = times_of(line(*answered, *((1000 * at, "client", b"askB") for at in range(1, 20))))
     assert times.unanswered is not None and times.unanswered.repeats is None

@@ -15,14 +15,14 @@ SECOND = 1_000_000_000
 
 
 def parity_bit(value: int, parity: str) -> int:
-    """The parity bit of a character."""
+    """Return the parity bit of a character."""
     ones = value.bit_count() & 1
     return {"E": ones, "O": 1 - ones, "M": 1, "S": 0}[parity]
 
 
 @dataclass
 class Wire:
-    """The level of a line over time: it is 1 before the first edge, and each edge turns it round. Times in ns."""
+    """The level of a line over time: 1 before the first edge, inverted by each edge. Times in ns."""
 
     edges: list[float] = field(default_factory=list)
     end: float = 0.0
@@ -31,7 +31,7 @@ class Wire:
         return 1 - (bisect_right(self.edges, at) & 1)
 
     def send(self, data: bytes, line: LineFormat, pause: float = 0.0, between: float = 0.0) -> None:
-        """Characters after a `pause` (ns), with a rest of `between` (ns) after each."""
+        """Transmit characters after a `pause` (ns), with a rest of `between` (ns) after each."""
         bit = SECOND / line.speed
         self.end += pause
         for value in data:

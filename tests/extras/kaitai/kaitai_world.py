@@ -1,6 +1,6 @@
-"""The compiler of Kaitai Struct (from npm) and its Python runtime: files compiled, frames read, compared with framekit.
+"""The compiler of Kaitai Struct (from npm) and its Python runtime: compile files, read frames, compare with framekit.
 
-`needs_compiler` skips where the npm package `kaitai-struct-compiler` is not installed globally.
+`needs_compiler` skips tests if the npm package `kaitai-struct-compiler` is not installed globally.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ Promise.all(specs.map(one => compiler.compile('python', one, null, false)
 
 @cache
 def _modules() -> str | None:
-    """The folder of npm's global packages, if the compiler is one of them."""
+    """Return the folder of npm's global packages, if it contains the compiler."""
     if shutil.which("npm") is None or shutil.which("node") is None:
         return None
     root = subprocess.run(["npm", "root", "-g"], capture_output=True, text=True, check=True).stdout.strip()
@@ -52,7 +52,7 @@ needs_compiler = pytest.mark.skipif(
 
 
 def compiled(texts: Sequence[str]) -> list[Any]:
-    """A module for each file; a text that the compiler refuses is an assertion that fails."""
+    """Return a compiled module for each file; assert that the compiler accepts all."""
     specs = json.dumps([yaml.safe_load(text) for text in texts])
     done = subprocess.run(
         ["node", "-e", COMPILE],
@@ -87,7 +87,7 @@ class Compared:
 
 
 class Reader:
-    """A protocol's exported file, compiled, with the definition it was made of."""
+    """A protocol's exported file, compiled, with the definition it comes from."""
 
     def __init__(self, protocol: Protocol, file: KaitaiFile, top: Any) -> None:
         self.protocol, self.file, self.top = protocol, file, top
@@ -96,7 +96,7 @@ class Reader:
         every = [one for frame in frames for one in flat(frame.segments) if isinstance(one, (Wrap, Choose, Optional))]
         every += wraps
         self.parts = ("choice", "optional", "content", *(identifier(one.name) for one in every if one.name))
-        """What attributes begin with whose values belong to the record around them."""
+        """Prefixes of attributes whose values belong to the enclosing record."""
         self.codings = {one.coding.shown: one.coding for one in wraps}.values()
 
     def read(self, frame: str, data: bytes, context: Mapping[str, Any]) -> Any:
@@ -109,7 +109,7 @@ class Reader:
     def compare_frame(
         self, frame: str, data: bytes, context: Mapping[str, Any], fields: Mapping[str, Any], into: Compared
     ) -> None:  # fmt: skip
-        """A frame that framekit reads as these fields, read by Kaitai; one that is left out has to fail there."""
+        """Compare the fields that framekit and Kaitai decode; Kaitai must fail for a frame that was left out."""
         path = f"{frame} {data.hex()}"
         try:
             found = self.read(frame, data, context)
@@ -177,7 +177,7 @@ class Reader:
 
 
 def undo(coding: Coding, raw: bytes) -> bytes:
-    """Coded content as it is. Raises ValueError."""
+    """Return the decoded content. Raises ValueError."""
     match coding:
         case Hex():
             return bytes.fromhex(raw.decode("ascii"))
@@ -199,7 +199,7 @@ def _is_same(found: Any, wanted: Any) -> bool:
 
 
 def _holder(found: Any, name: str, parts: tuple[str, ...]) -> Any:
-    """The object that has a value: the one itself, or that of a case or part in it."""
+    """Return the object that has a value: `found` itself, or an object of a case or part inside it."""
     if hasattr(type(found), name) or name in vars(found):
         return found
     for key, one in vars(found).items():
@@ -216,7 +216,7 @@ def reader_of(protocol: Protocol) -> Reader:
 
 
 def readers_of(protocols: Sequence[Protocol]) -> list[Reader]:
-    """Return the readers of protocols, compiled at once: the compiler takes longer to start than for a file."""
+    """Return the readers of protocols, compiled together, since the compiler's start takes longer than a file."""
     files = [generate_kaitai(one) for one in protocols]
     tops = compiled([file.text for file in files])
     return [Reader(protocol, file, top) for protocol, file, top in zip(protocols, files, tops, strict=True)]

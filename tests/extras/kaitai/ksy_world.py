@@ -30,11 +30,11 @@ from framekit.extras.kaitai.source import identifier
 KSY = Path(__file__).parent / "ksy"
 LIKELY = (0, 1, 2, 3, 4, 5, 7, 8, 0x2C, 0x3B, 0xFF)
 FAILS = (KaitaiStructError, EOFError, ValueError, ZeroDivisionError, IndexError, TypeError, AttributeError)
-"""What Kaitai's Python raises for bytes that it does not read."""
+"""Exceptions of Kaitai's Python for bytes that it cannot read."""
 
 
 def loaded(made: ImportedDefinition, folder: Path) -> Codec:
-    """The codec of an imported definition."""
+    """Return the codec of an imported definition."""
     path = folder / "made.yaml"
     path.write_text(made.text, "utf-8")
     return compile_protocol(load_protocol(path))
@@ -93,7 +93,7 @@ def difference(kaitai: Any, ours: Any, path: str, without: Sequence[str]) -> str
 
 @dataclass
 class Trial:
-    """How many frames both read to the same values, how many both refuse, and what differs."""
+    """Number of frames that both read alike, and that both refuse, and differences."""
 
     both: int = 0
     refused: int = 0
@@ -148,7 +148,7 @@ class Description:
 
 
 def mutated(samples: list[bytes], count: int) -> Iterator[bytes]:
-    """The samples, and others made of them by a few changes; some of any bytes."""
+    """Yield the samples, mutated samples, and random bytes."""
     draw = random.Random(1)
     yield from samples
     for _ in range(count):
@@ -171,7 +171,7 @@ def mutated(samples: list[bytes], count: int) -> Iterator[bytes]:
 
 @dataclass
 class RoundTrip:
-    """Frames of a definition that the export says, those that are imported of it, and what their values were."""
+    """Number of exported frames, names of imported frames, and the comparison of their values."""
 
     exported: int
     imported: list[str]
@@ -180,7 +180,7 @@ class RoundTrip:
 
 
 def round_trip(name: str, folder: Path, samples: int = 8) -> RoundTrip:
-    """A shipped definition, exported and imported; its samples are read by both."""
+    """Export and import a shipped definition, and read its samples with both."""
     protocol = load_protocol(name)
     file = generate_kaitai(protocol)
     found, refused = Compared(), []
@@ -212,14 +212,14 @@ def round_trip(name: str, folder: Path, samples: int = 8) -> RoundTrip:
 
 
 def parts_of(protocol: Protocol) -> tuple[str, ...]:
-    """What records of an exported file begin with whose values belong to the record around them."""
+    """Return the prefixes of records of an exported file whose values belong to the enclosing record."""
     every = [one for frame in protocol.frames.values() for one in everything(frame.segments)]
     named = [one.name for one in every if isinstance(one, (Wrap, Choose, Optional)) and one.name]
     return ("choice", "optional", "content", *map(identifier, named))
 
 
 def coded_names(protocol: Protocol) -> dict[str, set[str]]:
-    """The values of each frame that stand in coded content, which stays as it is on the wire."""
+    """Return the values of each frame in encoded content, which Kaitai does not decode."""
     found: dict[str, set[str]] = {}
     for frame in protocol.frames.values():
         wraps = (

@@ -1,4 +1,4 @@
-"""Exported Kaitai files, compiled by Kaitai, read what framekit reads: field by field, of every vector."""
+"""Exported Kaitai files, compiled by Kaitai, read the values that framekit reads: field by field, of every vector."""
 
 from __future__ import annotations
 

@@ -24,7 +24,8 @@ from framekit.definition.problems import DefinitionError
 from framekit.extras.kaitai.generate import generate_kaitai
 
 Row = tuple[str, str]
-"""The body, or a whole file, and the bytes of each frame, parted by `|`: good ones and bad ones."""
+"""The body, or a whole file, and the bytes of each frame, separated by `|`: good bytes and bad bytes.
+"""
 
 PARAMS = "params: {n: {type: number, default: 100}, k: {type: number, default: 2}, K: {type: number, default: 3}}\n"
 TABLE = "tables: {t: {1: 5, 2: 6}}\n"
@@ -220,7 +221,7 @@ def readers(protocols: list[Protocol]) -> list[tuple[Reader, Codec]]:
 
 
 def differences(reader: Reader, codec: Codec, frame: str, data: bytes) -> list[str]:
-    """Values that are others, and bytes that only one of the two refuses."""
+    """Return values that differ, and bytes that only one side refuses."""
     context: dict[str, Any] = base_context(reader.protocol)
     found = Compared()
     try:
@@ -304,7 +305,7 @@ def test_drawn_definitions(first: int, count: int) -> None:
 
 
 def test_a_definition_with_many_like_names_is_written_in_one_go() -> None:
-    """Names that are one in Kaitai get numbers, each found at once."""
+    """Names that are equal in Kaitai get numbers; each number is found at once."""
     names = ["".join(c.upper() if at >> k & 1 else c for k, c in enumerate("abcdefghijk")) for at in range(1500)]
     body = ", ".join(f"{{field: {name}, type: u8}}, {{require: {name} < 9}}" for name in names)
     made = generate_kaitai(load_protocol_text(f"protocol: case\nframes: {{f: {{body: [{body}]}}}}\n"))

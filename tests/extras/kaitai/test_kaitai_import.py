@@ -36,7 +36,7 @@ DESCRIPTIONS = [
     Description("messages", "tell", ("code",), (("Which", "tell"), 100, False), {"limit": 100, "strict": False}),
     Description("messages", "tell", ("code",), (("Which", "tell"), 100, True), {"limit": 100, "strict": True}),
 ]
-"""Parameters of types and contents: are no values of a definition."""
+"""Kaitai files with their tops; constants and parameters are left out of the comparison."""
 FILES = sorted(KSY.glob("*.ksy"))
 
 
@@ -311,7 +311,7 @@ def test_texts_of_a_file_stay_texts(tmp_path: Path) -> None:
 
 
 def changed(draw: random.Random, texts: list[str]) -> str:
-    """A description with a few changes: words of others, lines taken out, twice or elsewhere."""
+    """Return a description with a few changes: words of other files, lines removed, duplicated or moved."""
     lines = draw.choice(texts).splitlines()
     words = draw.choice(texts).split()
     for _ in range(draw.randint(1, 2)):

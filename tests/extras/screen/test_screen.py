@@ -39,7 +39,7 @@ PLC = EXAMPLES / "third-party-plc.run.yaml"
 
 
 class Stepped(RunSession):
-    """Simulated time moves only when the test says so."""
+    """A run session whose simulated time moves only when the test says so."""
 
     def step(self, duration: int) -> None: ...
 
@@ -54,7 +54,7 @@ def arguments(*words: str, run: Path = PLC) -> argparse.Namespace:
 def driven(
     test: Callable[[MonitorApp, Stepped, Pilot[None]], Coroutine[Any, Any, None]], *words: str, run: Path = PLC
 ) -> Stepped:
-    """Runs `test` on the app with a run in it."""
+    """Run `test` on the app with a run in it."""
     given = arguments(*words, run=run)
     session = Stepped(load_run(run), RunWatch(given), virtual=True, duration=None, controlled=given.control)
 
@@ -271,7 +271,7 @@ def test_brackets_from_the_line_and_from_people_are_no_markup() -> None:
 
 
 def everything_that_comes(app: MonitorApp) -> list[Callable[[], object]]:
-    """What timers, messages and keys call."""
+    """Return the calls of timers, messages and keys."""
     frames = app.frames
     highlighted = DataTable.RowHighlighted(frames, 0, RowKey("1"))
     submitted = [Input.Submitted(entry, "x") for entry in (app.filter_entry, app.command_entry)]
@@ -374,7 +374,7 @@ def test_a_port_that_is_not_there(terminal: None, tmp_path: Path, capsys: pytest
 
 @pytest.mark.long
 def test_without_a_terminal_it_says_so(tmp_path: Path) -> None:
-    """No escape codes go into a file or a pipe."""
+    """Files and pipes get no escape codes."""
     words = [sys.executable, "-m", "framekit", "run", str(PLC), "--virtual", "--screen"]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (2, "")

@@ -30,7 +30,7 @@ TEXTS = ["", "a", "abc", "abcdefgh", "x y", "A,B"]
 
 
 def frames_of(commands: Sequence[str], settings: str = "Terminator = CR LF;") -> tuple[Protocol | None, dict[str, str]]:
-    """A protocol of one command each, and the frames that they became, as far as they are taken over."""
+    """Return a protocol of one command each, and the frames of the imported commands."""
     text = "\n".join([settings, *(f"p{number} {{ {command}; }}" for number, command in enumerate(commands))])
     try:
         made = from_streamdevice(text, "x.proto", "made")
@@ -63,7 +63,7 @@ def formats(kinds: str) -> Iterator[str]:
 
 
 def as_printf(form: str, value: Any) -> bytes:
-    """What C writes: no + before unsigned numbers. StreamDevice cuts hex digits to their width."""
+    """Return the output of C's printf: no + before unsigned numbers. StreamDevice cuts hex digits to their width."""
     match = re.fullmatch(r"%([-+ 0#]*)(\d*)(\.\d+)?(\w)", form)
     assert match is not None
     flags, width, precision, kind = match[1], match[2], match[3] or "", match[4]
@@ -101,7 +101,10 @@ def test_what_is_sent_is_what_printf_writes(kind: str) -> None:
 
 
 def scanned(form: str, line: bytes) -> tuple[Any, int] | None:
-    """The value and how many bytes StreamDevice takes for it from a line, as its page describes; None: a mismatch."""
+    """Return the value and the number of bytes that StreamDevice's documentation gives for a line.
+
+    None for a mismatch.
+    """
     match = re.fullmatch(rb"%([-+ 0#!]*)(\d*)([\w])", form.encode())
     assert match is not None
     flags, width, kind = match[1].decode(), int(match[2] or 0), match[3].decode()
@@ -273,7 +276,7 @@ CODES = {
     "modbus": 0x4B37, "ccitt16": 0x29B1, "ccitt16a": 0xE5CC, "ccitt16x": 0x31C3, "crc16c": 0x31C3, "xmodem": 0x31C3,
     "crc32": 0xFC891918, "crc32r": 0xCBF43926, "jamcrc": 0x340BC6D9, "lrc": 0x23, "CRC16": 0xFEE8, "Sum": 0xDD,
 }  # fmt: skip
-"""The check values of 123456789 that StreamDevice names."""
+"""The check codes of 123456789 by StreamDevice's names."""
 SIZES = {"16": 2, "32": 4, "mod": 2, "xmo": 2, "jam": 4}
 
 

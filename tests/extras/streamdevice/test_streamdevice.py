@@ -127,7 +127,7 @@ def test_exchanges_have_the_bytes_of_stream_device(tmp_path: Path) -> None:
 
 
 def check_warnings(path: Path) -> list[str]:
-    """What `check` says of a definition, but for the strength of the device's own check code."""
+    """Return the messages of `check`, except on the strength of the device's own check code."""
     return [str(one) for one in check_file(str(path)).problems if "errors of two bits" not in str(one)]
 
 
@@ -352,7 +352,7 @@ GROWING: dict[str, Callable[[int], str]] = {
 
 
 def steps_of(text: str) -> int:
-    """How many lines of Python a file takes."""
+    """Return the number of executed Python lines for a file."""
     count = 0
 
     def trace(frame: object, event: str, argument: object) -> Callable[..., object]:

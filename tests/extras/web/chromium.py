@@ -1,4 +1,4 @@
-"""Debian's Chromium for tests, driven by selenium; and a program whose page it looks at."""
+"""Debian's Chromium for tests, driven by selenium; and a program that serves the page."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Looking:
         return str(self.run("return document.querySelector(arguments[0])?.innerText ?? ''", selector))
 
     def rows(self, section: str) -> list[list[str]]:
-        """Return the rows of a table that are drawn, each with its class first."""
+        """Return the displayed rows of a table, each with its class first."""
         script = """return [...document.querySelectorAll(arguments[0])].filter(row => !row.hidden)
             .map(row => [row.className, ...[...row.cells].map(cell => cell.textContent)])"""
         return list(self.run(script, self.rows_of(section)))
@@ -113,7 +113,7 @@ def browser() -> Iterator[Looking]:
 
 @contextmanager
 def program(folder: Path, *words: str, **environment: str) -> Iterator[tuple[str, str]]:
-    """`framekit …` with a page, as long as it is looked at: where the page is, and its token."""
+    """Run `framekit …` with a page; yield the URL of the page and its token."""
     command = [sys.executable, "-m", "framekit", *words, "--web", "0", "--json"]
     with subprocess.Popen(
         command, cwd=folder, env=os.environ | environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True

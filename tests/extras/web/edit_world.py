@@ -40,7 +40,7 @@ def written(folder: Path, text: str = LAMP, name: str = "lamp.yaml") -> Path:
 
 
 def session_of(place: Path, token: str = TOKEN) -> EditSession:
-    """Return the session of a browser; with a token it has given that token."""
+    """Return the session of a browser, which has given the token if any."""
     session = EditBoard(EditedFolder(place)).session(Access(TOKEN), "test:1")
     session.visitor.give(token)
     return session

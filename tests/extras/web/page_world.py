@@ -1,4 +1,4 @@
-"""A run with a meter that behaves, whose page is looked at without a browser: by sessions, and over sockets."""
+"""A run with a simulated meter, and its page without a browser: by sessions, and over sockets."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ blocks:
 
 
 def written(folder: Path, run: str = RUN, device: str = METER) -> Path:
-    """The run in a folder."""
+    """Write the run to a folder."""
     (folder / "meter.device.yaml").write_text(device, "utf-8")
     path = folder / "plant.run.yaml"
     path.write_text(run, "utf-8")
@@ -45,7 +45,7 @@ def written(folder: Path, run: str = RUN, device: str = METER) -> Path:
 
 
 class Page:
-    """The page of a run that is simulated; time of the board is that of the run."""
+    """The page of a simulated run; the board has the time of the run."""
 
     def __init__(self, run: Path) -> None:
         log = FrameLog()

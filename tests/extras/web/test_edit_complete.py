@@ -1,4 +1,4 @@
-"""Completions of the editor: keys and words of the schemas, names of the file, also in texts that are no YAML yet."""
+"""Completions of the editor: keys and words of the schemas, names of the file, also in texts that are not yet YAML."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ sequences:
 
 
 def offered(path: Path, text: str) -> list[str]:
-    """Return the words that are offered at the sign § of a text."""
+    """Return the words offered at the sign § in a text."""
     before, _, after = text.partition("§")
     found = asked("complete", path, before + after, offset=len(before.encode("utf-16-le")) // 2)
     return [word for word, _, _ in found["words"]]

@@ -52,7 +52,7 @@ def test_new_files_of_every_protocol_have_no_errors(tmp_path: Path, protocol: st
 
 
 def sound(folder: Path, protocol: str) -> None:
-    """Compare the problems of new files of each kind with none."""
+    """Assert that new files of each kind have no problems."""
     for kind in KINDS:
         found = asked("new", folder / "x", "", kind=kind, name=f"a-{kind}", of=protocol)
         if kind == "points" and "why" in found:

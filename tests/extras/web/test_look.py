@@ -1,4 +1,4 @@
-"""The stylesheet keeps WCAG AA: every text has a contrast of 4.5 on its ground, in light and dark; lines have 3."""
+"""The stylesheet keeps WCAG AA: every text has a contrast of 4.5 to its background, in light and dark; lines have 3."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def colours(scheme: int) -> dict[str, tuple[int, ...]]:
 
 
 def mixed(colour: tuple[int, ...], ground: tuple[int, ...], part: float) -> tuple[int, ...]:
-    """Return a colour mixed into a ground."""
+    """Return a colour mixed into a background."""
     return tuple(round(part * one + (1 - part) * other) for one, other in zip(colour, ground, strict=True))
 
 

@@ -103,7 +103,7 @@ STORED = "sinks:\n  - {sqlite: plant.sqlite, every: 1s}\n"
 
 
 def stored(folder: Path, seconds: int = 20) -> Page:
-    """Return the page of a run that has kept its values for some seconds."""
+    """Return the page of a run that has stored its values for some seconds."""
     page = Page(written(folder, RUN + STORED))
     page.run.run_for(f"{seconds} s")
     page.run.stop()

@@ -36,7 +36,7 @@ from framekit.extras.web.server import PageApp, WebServer
 from framekit.extras.web.shown import shown_run, shown_server
 
 MARKUP = re.compile(r"innerHTML|outerHTML|insertAdjacent|document\.write|eval\(|new Function|\sstyle=|\son\w+=")
-"""Ways in which a text would become more than a text."""
+"""Ways in which a text could become markup or code."""
 HOME, LIVE = "http://127.0.0.1:8040", "ws://127.0.0.1:8040/live"
 
 
@@ -151,7 +151,7 @@ class Noted:
 
 
 def browser_at(page: Page, socket: Any) -> server_module.Browser:
-    """Return the connection of a browser that is only tried."""
+    """Return the connection of a browser."""
     return server_module.Browser(socket, page.board, page.session(), "test:1", [])
 
 
@@ -219,7 +219,7 @@ def test_one_address_leaves_room_for_others(app: PageApp) -> None:
 
 
 async def _answer(port: int) -> bytes:
-    """The first line of the answer to a whole request."""
+    """Return the first line of the answer to a complete request."""
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
     writer.write(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n")
     line = await reader.readline()
@@ -277,7 +277,7 @@ def test_an_address_has_so_many_connections_at_most(monkeypatch: pytest.MonkeyPa
 
 
 class Transport:
-    """A transport that only knows its peer."""
+    """A transport that knows only the address of its peer."""
 
     def __init__(self, host: str) -> None:
         self.host, self.aborted = host, False
@@ -289,7 +289,7 @@ class Transport:
         self.aborted = True
 
     def close(self) -> None:
-        """Its connection is lost already."""
+        """Do nothing; the connection is already lost."""
 
 
 def test_a_point_is_written_over_the_line_and_refused_out_of_range(

@@ -31,7 +31,7 @@ TWO = RUN.replace("points:", '  2: {port: "sim:meter.device.yaml", protocol: mod
 
 
 class Pages:
-    """The boards of a run that is simulated."""
+    """The boards of a simulated run."""
 
     def __init__(self, folder: Path, run: str = RUN, device: str = METER) -> None:
         log = FrameLog()
@@ -43,7 +43,7 @@ class Pages:
         self.run.run_for("2 s")
 
     def session(self) -> WebSession:
-        """Return the session of a browser that looks at the devices, with the token."""
+        """Return the session of a browser on the devices' page, with the token."""
         session = self.of_devices.session(Access(TOKEN), "test:1")
         session.visitor.give(TOKEN)
         return session

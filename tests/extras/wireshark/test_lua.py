@@ -261,7 +261,7 @@ def test_a_serial_line_in_pieces_and_who_sends_what(tmp_path: Path) -> None:
 
 @needs_tshark
 def test_noise_is_told_and_ends(tmp_path: Path) -> None:
-    """Bytes at random, also many at once: no error of the script, and work that has a bound."""
+    """Random bytes, also many at once: the script raises no error, and its work is bounded."""
     random, script, capture = Random(3), tmp_path / "rtu.lua", tmp_path / "rtu.pcap"
     script.write_text(generate_dissector(load_protocol("modbus-rtu")).source)
     serial_capture(capture, [*(random.randbytes(random.randint(1, 200)) for _ in range(30)), random.randbytes(3000)])

@@ -51,7 +51,7 @@ class Shown:
 
 @dataclass
 class Packet:
-    """What tshark shows of one packet: the frames with their fields, and the expert infos."""
+    """A packet in tshark: the frames with their fields, and the expert infos."""
 
     frames: list[str] = field(default_factory=list)
     fields: list[Shown] = field(default_factory=list)
@@ -63,7 +63,7 @@ class Packet:
 
 
 def run(script: Path, capture: Path, *options: str) -> str:
-    """What tshark prints; a complaint about the script fails."""
+    """Return the output of tshark; assert that the script raised no error."""
     assert TSHARK is not None
     words = [TSHARK, "-n", "-X", f"lua_script:{script}", "-r", str(capture), *options]
     done = subprocess.run(words, capture_output=True, text=True, timeout=120, check=True)
@@ -73,7 +73,7 @@ def run(script: Path, capture: Path, *options: str) -> str:
 
 
 def packets_of(pdml: str, prefix: str, header: int = HEADER) -> list[Packet]:
-    """The packets of tshark's PDML, as far as the protocol shows something of them."""
+    """Return the packets of tshark's PDML that have fields of the protocol."""
     found: list[Packet] = []
     for _, element in iterparse(StringIO(pdml)):
         if element.tag == "packet":
@@ -105,7 +105,7 @@ def _collect(element: Element, packet: Packet, prefix: str, header: int) -> None
 
 
 def serial_capture(path: Path, frames: Sequence[bytes], ways: Sequence[str] = ()) -> None:
-    """A capture of a serial line with a record for each frame, ten seconds apart."""
+    """Write a capture of a serial line with a record for each frame, ten seconds apart."""
     records = PcapRecords(0)
     data = [GLOBAL_HEADER]
     for number, frame in enumerate(frames):
@@ -131,7 +131,7 @@ class Trial:
 
 
 def groups_of(name: str, protocol: Protocol) -> Iterator[tuple[dict[str, Any], list[bytes]]]:
-    """The bytes of the vectors of a protocol, by the parameters and the state that they need."""
+    """Yield the bytes of the vectors of a protocol, grouped by the parameters and the state they need."""
     found: dict[str, tuple[dict[str, Any], list[bytes]]] = {}
     codec, plain = compile_protocol(protocol), PlainValues(protocol)
     for vector in vectors_of(name).frames:
@@ -146,7 +146,7 @@ def groups_of(name: str, protocol: Protocol) -> Iterator[tuple[dict[str, Any], l
 
 
 def trial(name: str, folder: Path, damage: bool = True) -> Trial:
-    """All vectors of a shipped protocol through tshark, and each once more with a damaged byte."""
+    """Run tshark on all vectors of a shipped protocol, and on each with a damaged bit."""
     protocol, found = load_protocol(name), Trial()
     for number, (given, frames) in enumerate(groups_of(name, protocol)):
         damaged = [_damaged(frame, place) for place, frame in enumerate(frames)] if damage else []
@@ -157,7 +157,7 @@ def trial(name: str, folder: Path, damage: bool = True) -> Trial:
 
 
 def preferences(protocol: Protocol, context: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
-    """What Wireshark's preferences can say of a context: by parameter, the preference and its text."""
+    """Return the settings of Wireshark's preferences for a context: parameter → preference and text."""
     source, found = generate_dissector(protocol, base_context(protocol)).source, {}
     for parameter in protocol.params.values():
         key, value = preference_of(parameter), context.get(parameter.name)
@@ -288,7 +288,7 @@ def is_same(value: Any, shown: str) -> bool:
 
 
 def _escaped(value: str) -> str:
-    """Text as tshark shows signs that are none."""
+    """Return a text with control characters as tshark shows them."""
     words = {"\r": "r", "\n": "n", "\t": "t", "\a": "a", "\b": "b", "\v": "v", "\f": "f", "\\": "\\", '"': '"'}
     signs = (f"\\{words[one]}" if one in words else one if one.isprintable() else f"\\x{ord(one):02x}" for one in value)
     return "".join(signs)
@@ -301,7 +301,7 @@ CLIENT_PORT = 40_000
 
 
 def udp_capture(path: Path, port: int, datagrams: Sequence[bytes]) -> None:
-    """A capture of datagrams to a port."""
+    """Write a capture of datagrams to a port."""
     data = [pack("<IHHiIII", 0xA1B23C4D, 2, 4, 0, 0, 0xFFFF, RAW_IP)]
     for number, content in enumerate(datagrams):
         udp = pack(">HHHH", CLIENT_PORT, port, 8 + len(content), 0)
@@ -312,7 +312,7 @@ def udp_capture(path: Path, port: int, datagrams: Sequence[bytes]) -> None:
 
 
 def tcp_capture(path: Path, port: int, segments: Sequence[tuple[str, bytes]], step: int = SECOND // 100) -> None:
-    """A capture of one connection: segments of the `client` and the `server`, `step` nanoseconds apart."""
+    """Write a capture of one connection: segments of the `client` and the `server`, `step` nanoseconds apart."""
     sent = {"client": 1, "server": 1}
     ports = {"client": (CLIENT_PORT, port), "server": (port, CLIENT_PORT)}
     ends = {"client": bytes((10, 0, 0, 1)), "server": bytes((10, 0, 0, 2))}
