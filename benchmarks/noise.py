@@ -22,7 +22,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.sources import shipped_definitions
 from framekit.link.engine import Engine
 from framekit.link.frame_table import FrameTable
-from framekit.link.services.client import Client
+from framekit.link.services.client import ServiceClient
 from framekit.transport.clock import LONGEST, MOST
 from framekit.transport.clock import PIECE as WORK
 
@@ -91,7 +91,7 @@ class Line:
         protocol, codec = compiled(link.protocol)
         self.station, own = STATIONS.get(link.protocol, (3, 1))
         self.engine = Engine(protocol, codec, link.role, own=own, monitor=lambda seen: None)
-        self.client = Client(protocol, codec, self.engine)
+        self.client = ServiceClient(protocol, codec, self.engine)
         known = (text for name, text in ADDRESSES.items() if link.protocol.startswith(name))
         self.address = next(known, "") if link.role in ("client", "master") else ""
         self.silence = QUIET_AGAIN if protocol.receiver.resync == "after_quiet" else 0

@@ -17,7 +17,7 @@ from framekit.codec.codec import compile_protocol
 from framekit.definition.load.protocol import load_protocol
 from framekit.definition.times import parse_format
 from framekit.link.engine import Engine
-from framekit.link.services.client import Client, TransferResult
+from framekit.link.services.client import ServiceClient, TransferResult
 from framekit.link.services.server import MemoryServer
 from framekit.memory.memory import DeviceMemory
 from framekit.run.own_memory import AddressedMemory
@@ -56,7 +56,7 @@ class TransferWorld:
         server = MemoryServer(self.protocol, self.codec, self.memory)
         self.server = self._engine(server_role, server_own, params, server)
         self.engine = self._engine(client_role, client_own, params, None)
-        self.client = Client(self.protocol, self.codec, self.engine)
+        self.client = ServiceClient(self.protocol, self.codec, self.engine)
         self.engine.machine.ask_service = self.client.ask
         self.drivers = [
             Driver(self.server, self.line.port("server"), self.clock),

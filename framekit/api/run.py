@@ -38,7 +38,7 @@ from framekit.run.status import JobsStatus as JobsStatus
 from framekit.run.status import JobStatus as JobStatus
 from framekit.run.status import RunStatus as RunStatus
 from framekit.run.status import SinkStatus as SinkStatus
-from framekit.run.trouble import Count, TroubleSource
+from framekit.run.trouble import SampleCount, TroubleSource
 from framekit.run.trouble import Trouble as Trouble
 from framekit.run.trouble import TroubleReport as TroubleReport
 from framekit.runfile.run_file import load_run, only_reading
@@ -398,7 +398,7 @@ class RunCalls:
         self._service.troubles.listen(listener)
 
     def trouble_source(
-        self, name: str, effect: Callable[[], str], count: Callable[[], Count], unit: str
+        self, name: str, effect: Callable[[], str], count: Callable[[], SampleCount], unit: str
     ) -> TroubleSource:
         """Register a part of the program whose troubles belong to the run: its status, page and metrics show them.
 

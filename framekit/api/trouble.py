@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from framekit.run.trouble import Count as Count
+from framekit.run.trouble import SampleCount as SampleCount
 from framekit.run.trouble import Troubles as Troubles
 from framekit.run.trouble import TroubleSource as TroubleSource

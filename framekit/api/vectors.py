@@ -16,12 +16,12 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import DefinitionError, Problem, parted
 from framekit.definition.vectors import Conversation, Vectors, check_vectors, read_vectors
 from framekit.link.addresses import AddressError, AddressGrammar
-from framekit.link.conversation import SideUnderTest, Starter, elements_of, run_conversation, run_frame_vector
+from framekit.link.conversation import CaseStarter, SideUnderTest, elements_of, run_conversation, run_frame_vector
 from framekit.link.engine import Engine
 from framekit.link.events import Ask
 from framekit.link.frame_table import ProtocolCodec
 from framekit.link.packing import typed_at
-from framekit.link.services.client import Client
+from framekit.link.services.client import ServiceClient
 from framekit.link.services.server import MemoryServer
 from framekit.memory.memory import DeviceMemory
 from framekit.run.own_memory import AddressedMemory
@@ -126,11 +126,11 @@ def make_side(case: Conversation, protocol: Protocol, codec: ProtocolCodec) -> S
         values = value if isinstance(value, list) else [value]
         numbers = elements_of(typed_at(grammar, text, None, None, len(values)), values)
         memory.area(place.area).write_from(place.first_bit, place.unit, numbers, force=True)
-    sides: dict[Engine, Client] = {}
+    sides: dict[Engine, ServiceClient] = {}
 
-    def client(engine: Engine) -> Client:
+    def client(engine: Engine) -> ServiceClient:
         if engine not in sides:
-            sides[engine] = Client(protocol, codec, engine)
+            sides[engine] = ServiceClient(protocol, codec, engine)
         return sides[engine]
 
     def ask(engine: Engine) -> Ask:
@@ -140,7 +140,7 @@ def make_side(case: Conversation, protocol: Protocol, codec: ProtocolCodec) -> S
         server=MemoryServer(protocol, codec, memory) if protocol.services else None,
         memory=AddressedMemory(memory, grammar),
         ask=ask if protocol.services else None,
-        start=Starter(protocol, codec).start,
+        start=CaseStarter(protocol, codec).start,
         read_memory=lambda text, count: _read(memory, grammar, text, count),
         typed=lambda text, count: typed_at(grammar, text, None, None, count),
     )

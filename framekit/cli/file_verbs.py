@@ -85,7 +85,7 @@ def run_import(arguments: argparse.Namespace) -> int:
     return 1 if arguments.strict and left_out else 0
 
 
-class Message(NamedTuple):
+class ImportMessage(NamedTuple):
     """A message about a part of an imported file."""
 
     text: str
@@ -98,7 +98,7 @@ def is_list(file: Path) -> bool:
     return file.suffix.lower() == ".csv"
 
 
-def _definition(arguments: argparse.Namespace, place: Path) -> tuple[str, list[Message]]:
+def _definition(arguments: argparse.Namespace, place: Path) -> tuple[str, list[ImportMessage]]:
     """Return the text of a definition made of a file, and the messages about its parts."""
     from framekit.api.imports import import_definition, protocol_name
 
@@ -106,10 +106,10 @@ def _definition(arguments: argparse.Namespace, place: Path) -> tuple[str, list[M
         if getattr(arguments, option) is not None:
             raise WordsError(f"--{option} is for lists of registers (.csv) – leave it out")
     made = import_definition(arguments.file, protocol_name(place))
-    return made.text, [Message(str(problem), not problem.warning) for problem in made.left_out]
+    return made.text, [ImportMessage(str(problem), not problem.warning) for problem in made.left_out]
 
 
-def _points(arguments: argparse.Namespace, place: Path) -> tuple[str, list[Message]]:
+def _points(arguments: argparse.Namespace, place: Path) -> tuple[str, list[ImportMessage]]:
     """Return the text of the points of a list of registers, and the messages about its rows and columns."""
     from framekit.api.points import points_text, read_vendor_table
 
@@ -117,11 +117,11 @@ def _points(arguments: argparse.Namespace, place: Path) -> tuple[str, list[Messa
     if "{}" not in form:
         raise WordsError(f"--address: '{form}' has no {{}} for the number of the register")
     found = read_vendor_table(file, form, arguments.add or 0, arguments.order)
-    messages = [Message(f"{problem} – left out", True) for problem in found.problems]
+    messages = [ImportMessage(f"{problem} – left out", True) for problem in found.problems]
     if not found.points:
         raise VerbError("\n".join([f"{file} has no row that can be read", *(message.text for message in messages)]))
     if found.unused:
-        messages.append(Message(f"columns without effect on points: {', '.join(found.unused)}", False))
+        messages.append(ImportMessage(f"columns without effect on points: {', '.join(found.unused)}", False))
     return points_text(found, place.name.partition(".")[0], f"framekit import {file.name}"), messages
 
 

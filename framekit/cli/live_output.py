@@ -35,7 +35,7 @@ from framekit.cli.terminal import GuardedTerminal, harmless, unguarded
 from framekit.definition.problems import error_text, plural
 
 if TYPE_CHECKING:
-    from framekit.api.trouble import Count, Troubles, TroubleSource
+    from framekit.api.trouble import SampleCount, Troubles, TroubleSource
 
 MOST_WAITING = 4 << 20
 """Number of waiting bytes at which a queue is full; it takes lines again when half of them are written. An unfinished
@@ -60,7 +60,7 @@ class MakeSource(Protocol):
     """Registers a part of a run, as `Troubles.source` does."""
 
     def __call__(
-        self, name: str, effect: Callable[[], str], count: Callable[[], Count], unit: str
+        self, name: str, effect: Callable[[], str], count: Callable[[], SampleCount], unit: str
     ) -> TroubleSource: ...
 
 
@@ -184,11 +184,11 @@ class QueuedStream:
     @contextmanager
     def may_drop(self, make: MakeSource) -> Iterator[None]:
         """Drop lines for which the queue has no room, while the context lasts; `make` registers the trouble."""
-        from framekit.api.trouble import Count
+        from framekit.api.trouble import SampleCount
 
         before = self._lost
         source = make(
-            self.name, self._effect, lambda: Count(waiting=self._waiting_lines, lost=self._lost - before), "line"
+            self.name, self._effect, lambda: SampleCount(waiting=self._waiting_lines, lost=self._lost - before), "line"
         )
         with self._queue.change:
             self._source, self._queue.most = source, MOST_WAITING

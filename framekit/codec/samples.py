@@ -206,7 +206,7 @@ def beginning(data: bytes) -> str:
     return data[:SHOWN].hex(" ").upper() + (" …" if len(data) > SHOWN else "")
 
 
-class Shape:
+class RecordShape:
     """The segments of one record, indexed once for all its samples."""
 
     def __init__(self, segments: tuple[Segment, ...]) -> None:
@@ -234,8 +234,8 @@ class Sampler:
         self.context = context
         self._made: dict[str, tuple[Sample, ...]] = {}
         self._items = 0
-        self._frames: dict[str, Shape] = {}
-        self._records: dict[tuple[int, bool], Shape] = {}
+        self._frames: dict[str, RecordShape] = {}
+        self._records: dict[tuple[int, bool], RecordShape] = {}
 
     def samples(self, frame: str, count: int = 8, tries: int = 80) -> tuple[Sample, ...]:
         """Return up to `count` different samples that can be encoded and decoded; fewer when the tries run out."""
@@ -280,25 +280,25 @@ class Sampler:
         if self._items > MOST_ITEMS:
             raise ValueError("too much for a sample")
 
-    def frame(self, name: str) -> Shape:
+    def frame(self, name: str) -> RecordShape:
         """Return the shape of a frame."""
         if name not in self._frames:
-            self._frames[name] = Shape(self.codec.protocol.frames[name].segments)
+            self._frames[name] = RecordShape(self.codec.protocol.frames[name].segments)
         return self._frames[name]
 
-    def record(self, record: Segment) -> Shape:
+    def record(self, record: Segment) -> RecordShape:
         """Return the shape of a record inside a frame."""
         return self._inside(record, False, lambda: record.members)
 
-    def item(self, repeat: model.Repeat, is_last: bool) -> Shape:
+    def item(self, repeat: model.Repeat, is_last: bool) -> RecordShape:
         """Return the shape of an item of a list."""
         return self._inside(repeat, is_last, lambda: item_of(repeat, is_last))
 
-    def _inside(self, holder: Segment, is_last: bool, members: Callable[[], tuple[Segment, ...]]) -> Shape:
+    def _inside(self, holder: Segment, is_last: bool, members: Callable[[], tuple[Segment, ...]]) -> RecordShape:
         """Return the shape of a record or an item, cached by its holder, a segment of the protocol."""
         key = id(holder), is_last
         if key not in self._records:
-            self._records[key] = Shape(members())
+            self._records[key] = RecordShape(members())
         return self._records[key]
 
     def _try(self, frame: str, random_: random.Random) -> Sample | None:
@@ -321,7 +321,7 @@ class Sampler:
 class _Record:
     """The values of one record while they are drawn. Expressions see the values drawn so far, and those they imply."""
 
-    def __init__(self, sampler: Sampler, random_: random.Random, shape: Shape, outer: _Record | None) -> None:
+    def __init__(self, sampler: Sampler, random_: random.Random, shape: RecordShape, outer: _Record | None) -> None:
         self.sampler = sampler
         self.random = random_
         self.shape = shape

@@ -18,7 +18,7 @@ from math import prod
 from typing import Any
 
 from framekit.definition.expression import names_in
-from framekit.definition.model.services import BASES, AddressForm, Area, Literally, Maybe, Part
+from framekit.definition.model.services import BASES, AddressForm, AreaModel, FormPart, Literally, Maybe
 from framekit.definition.model.values import Constant, Table
 from framekit.definition.problems import Problem, did_you_mean
 from framekit.link.values import EVALUATION_ERRORS, Evaluate, Inverse, Names, compile_expression, inverse_of
@@ -39,7 +39,7 @@ class AreaView(str):
         return self.columns[name]
 
 
-def area_views(areas: Mapping[str, Area], values: Mapping[str, Any]) -> dict[str, AreaView]:
+def area_views(areas: Mapping[str, AreaModel], values: Mapping[str, Any]) -> dict[str, AreaView]:
     """Return the views of all areas; `values`: tables by their names."""
 
     def column(value: Constant) -> Any:
@@ -53,7 +53,7 @@ def area_views(areas: Mapping[str, Area], values: Mapping[str, Any]) -> dict[str
     return views
 
 
-def code_of(area: Area, unit: str) -> Constant | None:
+def code_of(area: AreaModel, unit: str) -> Constant | None:
     """Return the code of the area on the wire when it is addressed in `unit`; a single code is valid for every unit."""
     if unit in area.codes:
         return area.codes[unit]
@@ -80,7 +80,7 @@ class _MissingColumnError(Exception):
 class FormMatcher:
     """An address form with the areas that it can name."""
 
-    def __init__(self, form: AddressForm, areas: Mapping[str, Area], tables: Mapping[str, Table]) -> None:
+    def __init__(self, form: AddressForm, areas: Mapping[str, AreaModel], tables: Mapping[str, Table]) -> None:
         self.form = form
         self.areas, self.tables = areas, tables
         entries = tables[form.units_table].entries if form.units_table is not None else {}
@@ -102,13 +102,13 @@ class FormMatcher:
 
     @property
     def has_start(self) -> bool:
-        return "start" in self.form.results or any(isinstance(p, Part) and p.name == "start" for p in self.flat)
+        return "start" in self.form.results or any(isinstance(p, FormPart) and p.name == "start" for p in self.flat)
 
     # ---- patterns -----------------------------------------------------------------------------------------
 
     def _patterns(self) -> list[tuple[re.Pattern[str], dict[str, list[str | None]]]]:
         """Return the patterns of the form, each with its area texts and the names of the areas that a text can mean."""
-        naming = [part for part in self.flat if isinstance(part, Part) and part.what in ("area", "column")]
+        naming = [part for part in self.flat if isinstance(part, FormPart) and part.what in ("area", "column")]
         if not naming:
             try:
                 return [(self._compiled(self._pattern(self.fixed_area, "")), {"": [self.fixed_area]})]
@@ -135,7 +135,7 @@ class FormMatcher:
         """Return a word of the form as a key for texts, in lower case if the form accepts any case."""
         return text.lower() if self.form.any_case else text
 
-    def _area_texts(self, part: Part, name: str) -> list[str]:
+    def _area_texts(self, part: FormPart, name: str) -> list[str]:
         area = self.areas[name]
         if part.what == "column":
             return [str(area.columns.get(part.name, area.name))]  # an area without the column has its own name
@@ -151,11 +151,11 @@ class FormMatcher:
             pattern += f"(?:{inner})?" if isinstance(item, Maybe) else inner
         return pattern
 
-    def _piece(self, part: Literally | Part, area: str | None, texts: str, number: int) -> str:
+    def _piece(self, part: Literally | FormPart, area: str | None, texts: str, number: int) -> str:
         if isinstance(part, Literally):
             return re.escape(part.text)
         if part.what in ("area", "column"):
-            first = next(p for p in self.flat if isinstance(p, Part) and p.what in ("area", "column"))
+            first = next(p for p in self.flat if isinstance(p, FormPart) and p.what in ("area", "column"))
             if part is first:
                 return f"(?P<area>{texts})"
             assert area is not None
@@ -167,10 +167,10 @@ class FormMatcher:
         least, most = self._places(part, area)
         return f"(?P<p{number}>{_DIGITS[self._base(part, area)]}{{{least or 1},{most or _MOST_PLACES}}})"
 
-    def _places(self, part: Part, area: str | None) -> tuple[int | None, int | None]:
+    def _places(self, part: FormPart, area: str | None) -> tuple[int | None, int | None]:
         return self._width(part.least, area), self._width(part.most, area)
 
-    def _base(self, part: Part, area: str | None) -> int:
+    def _base(self, part: FormPart, area: str | None) -> int:
         if not isinstance(part.base, str):
             return part.base
         base = None if area is None else BASES.get(str(self.areas[area].columns.get(part.base)))
@@ -224,7 +224,7 @@ class FormMatcher:
         """Return the values of the parts of a text; areas that share a pattern write their numbers in one way."""
         parts: Parts = {}
         for number, part in enumerate(self.flat):
-            if isinstance(part, Part) and part.what in ("unit", "number", "word"):
+            if isinstance(part, FormPart) and part.what in ("unit", "number", "word"):
                 text = match[f"p{number}"]
                 if part.what == "unit":
                     parts["unit"] = self._units_read[self._folded(text)]
@@ -286,7 +286,7 @@ class FormMatcher:
 
         The form may have numbers with ranges, and one other number on which the start depends linearly.
         """
-        numbers = dict.fromkeys(part.name for part in self.flat if isinstance(part, Part) and part.what == "number")
+        numbers = dict.fromkeys(part.name for part in self.flat if isinstance(part, FormPart) and part.what == "number")
         free = [name for name in numbers if name not in self.form.ranges]
         spans = [range(low, high + 1) for low, high in self.form.ranges.values()]
         if len(free) > 1 or not spans or prod(map(len, spans)) > MOST_TRIED:
@@ -312,7 +312,7 @@ class FormMatcher:
     @property
     def variable(self) -> int:
         """Return the number of variable parts of the form."""
-        return sum(isinstance(part, Part) for part in self.flat)
+        return sum(isinstance(part, FormPart) for part in self.flat)
 
     def sample(self, area: str) -> str | None:
         """Return an example of this form, which may name a missing place; None if the form cannot name the area.
@@ -321,8 +321,8 @@ class FormMatcher:
         """
         columns = self.areas[area].columns
         unit = self._written_units(area)[0]
-        known = {part.name: columns.get(part.name, 1) for part in self.flat if isinstance(part, Part)}
-        known |= {part.name: part.name for part in self.flat if isinstance(part, Part) and part.what == "word"}
+        known = {part.name: columns.get(part.name, 1) for part in self.flat if isinstance(part, FormPart)}
+        known |= {part.name: part.name for part in self.flat if isinstance(part, FormPart) and part.what == "word"}
         if self.fixed_area not in (None, area):
             return None
         return self._text(area, unit, known)
@@ -332,7 +332,7 @@ class FormMatcher:
         text = ""
         for item in self.form.parts:
             parts = item.parts if isinstance(item, Maybe) else (item,)
-            says_something = not isinstance(item, Maybe) or any(isinstance(part, Part) for part in parts)
+            says_something = not isinstance(item, Maybe) or any(isinstance(part, FormPart) for part in parts)
             pieces = [self._written(part, area, unit, known) for part in parts]
             if says_something and None not in pieces:
                 text += "".join(piece or "" for piece in pieces)
@@ -340,7 +340,7 @@ class FormMatcher:
                 return None
         return text
 
-    def _written(self, part: Literally | Part, area: str, unit: str, known: Mapping[str, Any]) -> str | None:
+    def _written(self, part: Literally | FormPart, area: str, unit: str, known: Mapping[str, Any]) -> str | None:
         if isinstance(part, Literally):
             return part.text
         if part.what in ("area", "column"):
@@ -420,7 +420,7 @@ MOST_KNOWN = 1024
 _made: dict[tuple[int, int, int], FormMatcher] = {}
 
 
-def _matcher(form: AddressForm, areas: Mapping[str, Area], tables: Mapping[str, Table]) -> FormMatcher:
+def _matcher(form: AddressForm, areas: Mapping[str, AreaModel], tables: Mapping[str, Table]) -> FormMatcher:
     """Return the compiled form, which never changes and is shared by all grammars of a definition."""
     key = id(form), id(areas), id(tables)
     found = _made.get(key)
@@ -434,7 +434,9 @@ def _matcher(form: AddressForm, areas: Mapping[str, Area], tables: Mapping[str, 
 class AddressGrammar:
     """The address forms of some areas. Raise ValueError for a form without a start."""
 
-    def __init__(self, forms: Sequence[AddressForm], areas: Mapping[str, Area], tables: Mapping[str, Table]) -> None:
+    def __init__(
+        self, forms: Sequence[AddressForm], areas: Mapping[str, AreaModel], tables: Mapping[str, Table]
+    ) -> None:
         self.areas = areas
         self._tables = Names({name: table_values(table) for name, table in tables.items()})
         self.views: dict[str, AreaView] = area_views(areas, self._tables)
@@ -478,7 +480,7 @@ class AddressGrammar:
         return address if address is not None and self._has(self.areas[address.area], address, 1) else None
 
     @staticmethod
-    def _has(area: Area, address: Address, count: int) -> bool:
+    def _has(area: AreaModel, address: Address, count: int) -> bool:
         end = address.first_bit + count * address.unit_bits
         return address.start >= 0 and end <= area.size * area.element_bits
 
@@ -558,7 +560,7 @@ class AddressGrammar:
         """Raise AddressError if any of `count` elements is beyond the area."""
         self.check_in(self.areas[address.area], address, count)
 
-    def check_in(self, area: Area, address: Address, count: int) -> None:
+    def check_in(self, area: AreaModel, address: Address, count: int) -> None:
         """Raise AddressError if any of `count` elements is beyond an area of the size of `area`."""
         if not self._has(area, address, count):
             there = area.size * area.element_bits // address.unit_bits
@@ -636,7 +638,7 @@ STARTS = (0, 1, 2, 7, 8, 9, 10, 11, 15, 16, 17, 31, 99, 100, 101, 255, 256, 999,
 
 
 def check_addresses(
-    forms: Sequence[AddressForm], areas: Mapping[str, Area], tables: Mapping[str, Table]
+    forms: Sequence[AddressForm], areas: Mapping[str, AreaModel], tables: Mapping[str, Table]
 ) -> list[Problem]:
     """Return the conflicts between forms, at most one problem for every pair of forms."""
     alone = [AddressGrammar([form], areas, tables) for form in forms]

@@ -25,7 +25,7 @@ Trouble = Callable[[str, Exception], None]
 """Called with a frame's name and the error if an expression of the frame cannot be evaluated."""
 
 
-class Bad:
+class BadCandidate:
     """A bad frame, and what decides which of several bad frames is reported."""
 
     __slots__ = ("frame", "has_end", "open_at", "size")
@@ -50,13 +50,13 @@ class BadFrames:
         self.marks: Marks | None = None
         """The ninth bits of the stream, on a line that has them."""
 
-    def worst(self, levels: Levels, limit: int, reach_of: Callable[[FrameInfo], int], at_once: bool) -> Bad:
+    def worst(self, levels: Levels, limit: int, reach_of: Callable[[FrameInfo], int], at_once: bool) -> BadCandidate:
         """Return the bad frame that got furthest; one of the candidates has to be bad.
 
         `reach_of`: the buffer index up to which each candidate is measured. `at_once`: a bad frame is reported before
         a longer frame that lacks a byte within the size of the bad frame.
         """
-        bad_by_level: list[Sequence[Bad]] = []
+        bad_by_level: list[Sequence[BadCandidate]] = []
         shortest: int | None = None
         for level in levels:
             bad, complete, wanting, is_silent = self._measured(level.infos, reach_of)
@@ -75,9 +75,9 @@ class BadFrames:
 
     def _measured(
         self, infos: Iterable[FrameInfo], reach_of: Callable[[FrameInfo], int]
-    ) -> tuple[list[Bad], list[Complete], list[FrameInfo], bool]:
+    ) -> tuple[list[BadCandidate], list[Complete], list[FrameInfo], bool]:
         """Measure candidates: return those without an end, complete, incomplete; and whether silence ends others."""
-        bad: list[Bad] = []
+        bad: list[BadCandidate] = []
         complete: list[Complete] = []
         wanting: list[FrameInfo] = []
         is_silent = False
@@ -100,7 +100,7 @@ class BadFrames:
         marked = [one for one in complete if marks is None or marks.ends(one[2], one[0])]
         return marked if marked or is_other else sorted(complete, key=itemgetter(1))[:1]
 
-    def complete(self, info: FrameInfo, size: int) -> Bad:
+    def complete(self, info: FrameInfo, size: int) -> BadCandidate:
         """Return a complete frame of `size` bytes as bad."""
         start = self._stream.position
         raw = bytes(self._stream.buffer[start : start + size])
@@ -114,12 +114,12 @@ class BadFrames:
             return self._bad(info, raw, partial(_fault_of, error), True)
         return self._decoded(info, raw, True)
 
-    def at_silence(self, infos: Iterable[FrameInfo], end_for: Callable[[FrameInfo], int]) -> Bad:
+    def at_silence(self, infos: Iterable[FrameInfo], end_for: Callable[[FrameInfo], int]) -> BadCandidate:
         """Return the bad frame that got furthest, of frames that silence ends."""
         bad = [self._ended(info, end_for(info)) for info in infos]
         return furthest((bad,))
 
-    def _ended(self, info: FrameInfo, end: int) -> Bad:
+    def _ended(self, info: FrameInfo, end: int) -> BadCandidate:
         """Return a frame that silence or a break ends at buffer index `end` as bad."""
         start = self._stream.position
         if not self.is_broken(info, end) or self._stream.fault_in(start, end) is not None:
@@ -149,7 +149,7 @@ class BadFrames:
 
     # ---- faults of a frame ----------------------------------------------------------------------------------
 
-    def _decoded(self, info: FrameInfo, raw: bytes, has_end: bool) -> Bad:
+    def _decoded(self, info: FrameInfo, raw: bytes, has_end: bool) -> BadCandidate:
         """Return a frame as bad for the reason that decoding gives."""
         try:
             info.decode(raw, self._names)
@@ -161,7 +161,7 @@ class BadFrames:
             return self._bad(info, raw, partial(_fault_of, error), has_end)
         return self._bad(info, raw, _endless, has_end)
 
-    def _cut(self, info: FrameInfo, limit: int) -> Bad:
+    def _cut(self, info: FrameInfo, limit: int) -> BadCandidate:
         """Return a frame that is incomplete at buffer index `limit` as bad."""
         stream, marks, start = self._stream, self.marks, self._stream.position
         end = limit if marks is None else marks.end_for(info, limit)
@@ -185,7 +185,7 @@ class BadFrames:
                     return _fault_of(error)
         return found
 
-    def _without_end(self, info: FrameInfo, end: int) -> Bad:
+    def _without_end(self, info: FrameInfo, end: int) -> BadCandidate:
         """Return a frame without an end up to buffer index `end` as bad, with the fewest bytes that prove it."""
         start = self._stream.position
         low, high = start + 1, end
@@ -205,21 +205,21 @@ class BadFrames:
         bad.open_at = lambda size: self._measure(info, start + size) == self._quiet
         return bad
 
-    def _wrongly_marked(self, info: FrameInfo, raw: bytes, wrong: int) -> Bad:
+    def _wrongly_marked(self, info: FrameInfo, raw: bytes, wrong: int) -> BadCandidate:
         """Return a frame as bad in which the ninth bit of the byte at `wrong` has the other value."""
         expected, found = "no mark", "a mark"
         if wrong == marked_in(info, len(raw)):
             expected, found = found, expected
         return self._bad(info, raw, lambda: Fault("mark", "", wrong, expected, found, reach=wrong), True)
 
-    def _bad(self, info: FrameInfo, raw: bytes, explain: Callable[[], Fault], has_end: bool) -> Bad:
+    def _bad(self, info: FrameInfo, raw: bytes, explain: Callable[[], Fault], has_end: bool) -> BadCandidate:
         stream = self._stream
         start = stream.position
         started, ended = stream.times_of(start, start + max(len(raw), 1))
         fits = len(raw) if info.frame.inside else info.fits(raw, 0, len(raw))
         limit = fits if fits < len(raw) else ONLY_CHECK
         frame = BadFrame(info.name, raw, stream.offset_of(start), started, ended, explain, limit)
-        return Bad(frame, len(raw), has_end)
+        return BadCandidate(frame, len(raw), has_end)
 
 
 def _damaged(fault: LineFault) -> Fault:
@@ -243,7 +243,7 @@ def _fault_of(error: Exception) -> Fault:
     return Fault(error.cause, error.segment, error.offset, error.expected, error.found, str(error), reach)
 
 
-def furthest(levels: Sequence[Sequence[Bad]]) -> Bad:
+def furthest(levels: Sequence[Sequence[BadCandidate]]) -> BadCandidate:
     """Return the bad frame to report: of the expected frames, of the other frames …, each in the order of the rows.
 
     It is the frame that was right furthest; of equal frames a frame with all its fixed bytes, then the longest, then
@@ -259,11 +259,11 @@ def furthest(levels: Sequence[Sequence[Bad]]) -> Bad:
     )
     first, frames = ranked[0], [one.frame for one in ranked]
     if len({(one.size, one.has_end) for one in ranked}) == 1:
-        return first if len(ranked) == 1 else Bad(AnyBad(frames), first.size, first.has_end)
+        return first if len(ranked) == 1 else BadCandidate(AnyBad(frames), first.size, first.has_end)
     return ranked[frames.index(furthest_of(frames))]
 
 
-def _without_open(bad: Sequence[Bad]) -> int:
+def _without_open(bad: Sequence[BadCandidate]) -> int:
     """Return the size up to which frames were bad when the first of them was to be reported.
 
     Then every longer frame waited only for a silence, which could still have ended it.

@@ -20,7 +20,7 @@ from framekit.link.quick_look import NO_SIZES, Intact, SizesByByte, any_of
 Infos = tuple[FrameInfo, ...]
 
 
-class Group:
+class CandidateGroup:
     """Candidates that are measured by equal functions, so that one call measures all of them."""
 
     __slots__ = ("extent", "infos", "may_fit", "measure", "members", "name", "sizes")
@@ -60,14 +60,14 @@ def size_by_byte(
     return size if place + size <= end else end - place - size
 
 
-def _grouped(infos: Infos) -> tuple[Group, ...]:
+def _grouped(infos: Infos) -> tuple[CandidateGroup, ...]:
     alike: dict[Any, list[tuple[int, FrameInfo]]] = {}
     for member in enumerate(infos):
         alike.setdefault(function_does(member[1].extent), []).append(member)
-    return tuple(Group(members) for members in alike.values())
+    return tuple(CandidateGroup(members) for members in alike.values())
 
 
-class Level:
+class CandidateLevel:
     """Candidates of equal rank: all expected frames, or all other frames, that can begin at a position."""
 
     __slots__ = ("groups", "infos", "is_holding", "names", "singles")
@@ -76,13 +76,13 @@ class Level:
         self.infos = infos
         self.names = tuple(info.name for info in infos)
         self.groups = _grouped(infos)
-        self.singles = tuple(Group([member]) for member in enumerate(infos))
+        self.singles = tuple(CandidateGroup([member]) for member in enumerate(infos))
         """Each frame as its own group, for positions where frames of one group end differently."""
         self.is_holding = not holders.isdisjoint(self.names)
         """Whether a candidate may hold frames in its middle."""
 
 
-Levels = tuple[Level, ...]
+Levels = tuple[CandidateLevel, ...]
 
 
 class Candidates:
@@ -230,8 +230,8 @@ class ExpectedFrames:
             found = self._found[byte] = tuple(self.level(infos) for infos in levels if infos)
         return found
 
-    def level(self, infos: Infos) -> Level:
-        return self._table.once(Level, infos, self._holders)
+    def level(self, infos: Infos) -> CandidateLevel:
+        return self._table.once(CandidateLevel, infos, self._holders)
 
     def start(self, byte: int) -> Start:
         """Return the tables for `byte`; equal candidates share the same object."""
@@ -379,7 +379,7 @@ def _always(raw: bytes | bytearray) -> bool:
     return True
 
 
-def in_order(groups: Sequence[Group]) -> list[FrameInfo]:
+def in_order(groups: Sequence[CandidateGroup]) -> list[FrameInfo]:
     """Return the frames of groups of one level in the order of the level."""
     if len(groups) == 1:
         return list(groups[0].infos)

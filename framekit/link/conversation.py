@@ -41,7 +41,7 @@ from framekit.link.frame_table import ProtocolCodec, table_of
 from framekit.link.packing import Typed, memory_of, typed_at
 from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope
-from framekit.link.services.client import Client, TransferResult
+from framekit.link.services.client import ServiceClient, TransferResult
 from framekit.link.values import EVALUATION_ERRORS, FrameValue, Names, compile_expression
 from framekit.link.variables import same_number
 
@@ -679,7 +679,7 @@ def station_of(protocol: Protocol, value: Any) -> Any:
     return value if value is None else state_value(protocol.station.type, value)
 
 
-class Starter:
+class CaseStarter:
     """Begins the call of a case: `read`, `write`, another service, or `send: {FRAME: {…}}` for a frame by itself."""
 
     def __init__(self, protocol: Protocol, codec: ProtocolCodec) -> None:
@@ -696,7 +696,7 @@ class Starter:
             return self._send(engine, given["send"], now, on_done)
         if "exchange" in given:
             return self._exchange(engine, given, station, now, on_done)
-        client = Client(self.protocol, self.codec, engine)
+        client = ServiceClient(self.protocol, self.codec, engine)
         if "read" in given:
             address = given["read"]
             if isinstance(address, list):
@@ -713,7 +713,7 @@ class Starter:
         ).commands  # fmt: skip
 
     def _write(
-        self, client: Client, where: Any, values: Any, station: Any, unit: str | None, now: int, on_done: Asked
+        self, client: ServiceClient, where: Any, values: Any, station: Any, unit: str | None, now: int, on_done: Asked
     ) -> list[Command]:
         """Write `values: [...]` to consecutive places (`write: ADDRESS`), or one to each of `write: [ADDRESSES]`."""
         if isinstance(where, Mapping):

@@ -372,7 +372,7 @@ class MemoryAccess(Protocol):
     def write(self, address: str, data: bytes) -> None: ...
 
 
-class Asked(Protocol):
+class ServiceDone(Protocol):
     """The function that the callback of an `ask` step calls when the service is done; it marks the service's exchanges.
 
     `params` are the names that the exchange with this step brought along.
@@ -383,5 +383,5 @@ class Asked(Protocol):
     def __call__(self, outcome: Outcome) -> None: ...
 
 
-Ask = Callable[[str, dict[str, Any], Any, Asked], None]
+Ask = Callable[[str, dict[str, Any], Any, ServiceDone], None]
 """Runs a service of the protocol: its name, the arguments, the station, and what to call at the end."""

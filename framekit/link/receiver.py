@@ -18,7 +18,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
 from framekit.link.arrivals import Arrival, BadFrame, FrameArrived, Noise
 from framekit.link.bad_frames import BadFrames, Trouble
-from framekit.link.candidates import Candidates, ExpectedFrames, Group, Levels, in_order, size_by_byte
+from framekit.link.candidates import CandidateGroup, Candidates, ExpectedFrames, Levels, in_order, size_by_byte
 from framekit.link.events import CharacterFault
 from framekit.link.frame_table import FrameInfo, FrameTable, ProtocolCodec, table_of
 from framekit.link.inside import InsideFinder
@@ -525,7 +525,7 @@ class Receiver:
         ]
         return tuple(self._frames.level(infos) for infos in fitting if infos) or levels
 
-    def _without_marks(self, complete: list[tuple[int, Group]]) -> bool:
+    def _without_marks(self, complete: list[tuple[int, CandidateGroup]]) -> bool:
         """Drop the complete frames that lack the mark at their end; return whether there are any."""
         marks, count = self._marks, len(complete)
         complete[:] = [one for one in complete if marks is None or marks.ends(one[1].infos[0], one[0])]
@@ -543,12 +543,12 @@ class Receiver:
         is_special = self._marks is not None or (inside is not None and inside.is_partly(self.stream.base + place))
         seen = self._progress(place) if self._seen else None
         silent: list[FrameInfo] = []
-        bad: list[tuple[int, Group]] = []
+        bad: list[tuple[int, CandidateGroup]] = []
         verdict, end = NO_FRAME, limit
         for level in levels:
-            complete: list[tuple[int, Group]] = []
-            wanting: list[Group] = []
-            ending: list[Group] = []
+            complete: list[tuple[int, CandidateGroup]] = []
+            wanting: list[CandidateGroup] = []
+            ending: list[CandidateGroup] = []
             for group in level.singles if is_special else level.groups:
                 if is_special:
                     end = self._reach_of(group.infos[0], limit)
@@ -588,7 +588,7 @@ class Receiver:
                     verdict = NO_END
         return self._at_silence(silent, place) if silent and verdict is NO_FRAME else verdict
 
-    def _first_good(self, complete: list[tuple[int, Group]], place: int) -> Reading | None:
+    def _first_good(self, complete: list[tuple[int, CandidateGroup]], place: int) -> Reading | None:
         """Return the shortest good frame of complete groups, of equally long frames the first."""
         if len(complete) == 1:
             entries = zip(repeat(complete[0][0]), complete[0][1].infos, strict=False)
@@ -648,7 +648,7 @@ class Receiver:
             self._stop = self.pauses.silence_behind(place, self._now)
         return self._stop
 
-    def _size(self, group: Group, place: int, end: int, seen: dict[str, tuple[int, int]] | None) -> int:
+    def _size(self, group: CandidateGroup, place: int, end: int, seen: dict[str, tuple[int, int]] | None) -> int:
         """Return the result of measuring a group: its size, or the code of the codec for other results."""
         buffer = self.stream.buffer
         try:
@@ -682,7 +682,7 @@ class Receiver:
         size = self._end_for(silent[0], stop) - place if self._rules.resync == "after_frame" else 0
         return Verdict(size, None, silent, stop)
 
-    def _not_bad(self, wanting: list[FrameInfo], bad: list[tuple[int, Group]], place: int) -> list[FrameInfo]:
+    def _not_bad(self, wanting: list[FrameInfo], bad: list[tuple[int, CandidateGroup]], place: int) -> list[FrameInfo]:
         """Return the candidates that can become good, given the bad frames at `place`.
 
         A frame of fixed size cannot if it lacks a constant byte within a bad frame that has all its own constants.
@@ -723,7 +723,7 @@ class Receiver:
         self._seen = {}
         return None
 
-    def _remember(self, wanting: list[Group], place: int, limit: int) -> None:
+    def _remember(self, wanting: list[CandidateGroup], place: int, limit: int) -> None:
         """Remember how far groups that want more have been measured."""
         if limit - place <= MEASURED_AGAIN:
             return

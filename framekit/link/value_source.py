@@ -200,7 +200,7 @@ def globals_of(table: FrameTable) -> dict[str, Any]:
 # ---- single functions ------------------------------------------------------------------------------------------------
 
 
-class FunctionWriter:
+class FunctionSource:
     """Writes one function and loads it. `given`: more global names of it."""
 
     def __init__(self, table: FrameTable, given: Mapping[str, Any] | None = None) -> None:
@@ -274,7 +274,7 @@ class ValueCompiler:
         return self._function(source)
 
     def _function(self, source: Callable[[ValueWriter], str]) -> Evaluate:
-        writer = FunctionWriter(self.table)
+        writer = FunctionSource(self.table)
         writer.body.add(f"return {source(writer.values)}")
         function: Evaluate = writer.load("names")
         return function

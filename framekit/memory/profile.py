@@ -21,8 +21,7 @@ from framekit.definition.load.documents import Documents, merged
 from framekit.definition.load.namespace import load_table
 from framekit.definition.load.reader import MOST_ELEMENTS, Broken, Reader
 from framekit.definition.load.services import load_address_forms
-from framekit.definition.model.services import NUMBER_BITS, UNIT_BITS, AddressForm, Part
-from framekit.definition.model.services import Area as AreaModel
+from framekit.definition.model.services import NUMBER_BITS, UNIT_BITS, AddressForm, AreaModel, FormPart
 from framekit.definition.model.values import Table
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar
 from framekit.definition.problems import NOWHERE, DefinitionError, Position, Problem, did_you_mean
@@ -192,7 +191,7 @@ SHORTEST_PERIOD = 1_000_000
 
 PLAIN = AddressForm(
     text="{area}{start:dec}",
-    parts=(Part("area", "area"), Part("number", "start")),
+    parts=(FormPart("area", "area"), FormPart("number", "start")),
     area=None,
     unit=None,
     units_table=None,

@@ -28,7 +28,7 @@ from framekit.link.packing import cut_memory, values_of
 from framekit.link.receiver import Receiver
 from framekit.link.scope import CommandScope, Scope
 from framekit.link.services.areas import DeviceAreas, Span, address_of, codes_of, span_of
-from framekit.link.services.client import Client, Transfer, TransferResult
+from framekit.link.services.client import ServiceClient, Transfer, TransferResult
 from framekit.link.services.server import MemoryServer
 from framekit.link.services.work import (
     CompiledAfter,
@@ -237,7 +237,7 @@ class Operation:
     """One exchange, or several in sequence; `on_end` is called exactly once."""
 
     def __init__(
-        self, around: CommandBlocks, engine: Engine, client: Client, block: CompiledBlock, names: Names,
+        self, around: CommandBlocks, engine: Engine, client: ServiceClient, block: CompiledBlock, names: Names,
         on_end: Callable[[OperationEnd], None], params_of: ParamsOf | None = None,
     ) -> None:  # fmt: skip
         self.around = around
@@ -505,7 +505,7 @@ class CommandBlocks:
         *,
         channel: Scope | None = None,
         engine: Engine | None = None,
-        client: Client | None = None,
+        client: ServiceClient | None = None,
         mapping: Mapping[str, tuple[str, int]] | None = None,
         later: Later | None = None,
     ) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 from framekit.definition.model.frames import Frame, flat
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Bits, BitsPart, Count, Data, Field, FieldType, Length, Segment, Value
-from framekit.definition.model.services import AddressForm, Area
+from framekit.definition.model.services import AddressForm, AreaModel
 from framekit.definition.model.values import Table
 from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.link.packing import memory_of_numbers, numbers_of
@@ -32,7 +32,7 @@ class OwnAddresses(AddressGrammar):
     """The addresses of a memory: the address forms and the named places of its profile."""
 
     def __init__(
-        self, forms: Sequence[AddressForm], areas: Mapping[str, Area], tables: Mapping[str, Table],
+        self, forms: Sequence[AddressForm], areas: Mapping[str, AreaModel], tables: Mapping[str, Table],
         names: Mapping[str, str],
     ) -> None:  # fmt: skip
         super().__init__(forms, areas, tables)
@@ -69,7 +69,7 @@ class ProtocolAddresses(AddressGrammar):
     Each area has the name of its `memory` key; the result `memory` of an address form overrides this name.
     """
 
-    def __init__(self, protocol: Protocol, sizes: Mapping[str, Area] | None = None) -> None:
+    def __init__(self, protocol: Protocol, sizes: Mapping[str, AreaModel] | None = None) -> None:
         super().__init__(protocol.addresses, protocol.areas, protocol.tables)
         self._memory = {name: area.memory for name, area in protocol.areas.items()}
         self._there = {area.memory: area for area in protocol.areas.values()} | dict(protocol.areas) | dict(sizes or {})

@@ -407,7 +407,7 @@ class _State:
         """The time of the last read, and of the read that `value` shows."""
         self.failed_blocks: set[int] = set()
         """The blocks whose last end was a failure."""
-        self.groups: list[_Group] = []
+        self.groups: list[_ReadGroup] = []
         self.read = piece_reader(memory, point.place, point.bits)
         self.decode = decoder_of(point)
 
@@ -417,7 +417,7 @@ class _State:
         return max(self.read_at, *(group.same_at for group in self.groups))
 
 
-class _Group:
+class _ReadGroup:
     """The points that a block stores, or a single point without a block."""
 
     __slots__ = ("data", "read", "read_at", "same_at", "stale", "states", "waits")
@@ -460,7 +460,7 @@ class PointTable:
         """Called with quality and reason when the data of a point are no value, or stale, and when it is good again."""
         self._states = {point.name: _State(point, memory) for point in points}
         self._changed: dict[str, _State] = {}
-        self._ages: list[tuple[int, int, _Group]] = []
+        self._ages: list[tuple[int, int, _ReadGroup]] = []
         self._order = itertools.count()
         self.listeners: list[Callable[[PointValue], None]] = []
         by_block: dict[int, list[_State]] = {}
@@ -469,12 +469,12 @@ class PointTable:
             for block in point.blocks:
                 by_block.setdefault(block, []).append(state)
             if not point.blocks:
-                _Group([state], memory)
+                _ReadGroup([state], memory)
             if point.channel is None:  # other blocks or clients may write it too
                 self._watch(state, memory)
                 if not point.blocks:
                     self._changed[point.name] = state
-        self._by_block = {block: _Group(states, memory) for block, states in by_block.items()}
+        self._by_block = {block: _ReadGroup(states, memory) for block, states in by_block.items()}
 
     def _watch(self, state: _State, memory: DeviceMemory) -> None:
         """Watch the bits of a point in memory, and no other bits of its words."""
@@ -577,7 +577,7 @@ class PointTable:
             due = group.read_at + group.stale
             self._wait(group, due if due > now else self._grown_old(group, now))
 
-    def _grown_old(self, group: _Group, now: int) -> int:
+    def _grown_old(self, group: _ReadGroup, now: int) -> int:
         """Mark the points of a group that are too old; return when the next point is."""
         due = NEVER
         for state in group.states:
@@ -599,7 +599,7 @@ class PointTable:
         for group in state.groups:
             group.data = None
 
-    def _wait(self, group: _Group, due: int) -> None:
+    def _wait(self, group: _ReadGroup, due: int) -> None:
         """Add a group to the queue for ages, unless it is in the queue or never becomes stale."""
         if not group.waits and due < NEVER:
             group.waits = True

@@ -34,7 +34,7 @@ class JobCounters:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Event:
+class IrregularEvent:
     """An irregular event of the table."""
 
     at: int
@@ -163,7 +163,7 @@ class JobsStatus:
     """The jobs of a run: their slots, the last events, oldest first, of `events` there were, and counted commands."""
 
     slots: tuple[JobStatus, ...]
-    log: tuple[Event, ...]
+    log: tuple[IrregularEvent, ...]
     events: int
     counters: TableCounters
 

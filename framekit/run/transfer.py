@@ -24,7 +24,7 @@ from framekit.link.addresses import Address, AddressError, AddressGrammar
 from framekit.link.engine import Engine
 from framekit.link.events import Command
 from framekit.link.packing import Packer, cut_memory, join_memory, values_of
-from framekit.link.services.client import Client, Done, ReadKey, Transfer, TransferPlan, TransferResult
+from framekit.link.services.client import Done, ReadKey, ServiceClient, Transfer, TransferPlan, TransferResult
 from framekit.link.values import EVALUATION_ERRORS, FrameValue, Names, compile_expression
 from framekit.memory.memory import DeviceMemory, DeviceMemoryError, unit_bits
 from framekit.memory.views import as_signed
@@ -53,7 +53,7 @@ class BlockTransfers:
     def __init__(
         self,
         engine: Engine,
-        client: Client | None,
+        client: ServiceClient | None,
         memory: DeviceMemory,
         frames: Mapping[str, Frame],
         station: StationType,
@@ -383,9 +383,14 @@ class CommandTransfers:
     """Starts the command blocks of one channel."""
 
     def __init__(
-        self, engine: Engine, client: Client | None, memory: DeviceMemory, mapping: Mapping[str, tuple[str, int]],
-        later: Later | None, params_of: ParamsOf | None,
-    ) -> None:  # fmt: skip
+        self,
+        engine: Engine,
+        client: ServiceClient | None,
+        memory: DeviceMemory,
+        mapping: Mapping[str, tuple[str, int]],
+        later: Later | None,
+        params_of: ParamsOf | None,
+    ) -> None:
         self._engine = engine
         self._client = client
         self._memory = memory

@@ -68,7 +68,7 @@ def _without_name(reason: str, name: str) -> str:
     return f"this is {rest}" if rest and name.endswith(f" {subject}") else reason
 
 
-class Count(NamedTuple):
+class SampleCount(NamedTuple):
     """Samples of a part: how many wait, how many are lost, and the lost values by point."""
 
     waiting: int = 0
@@ -214,7 +214,7 @@ class TroubleSource:
     """
 
     def __init__(
-        self, troubles: Troubles, name: str, effect: Callable[[], str], count: Callable[[], Count], unit: str,
+        self, troubles: Troubles, name: str, effect: Callable[[], str], count: Callable[[], SampleCount], unit: str,
         well: str, is_whole: bool, is_file: bool,
     ) -> None:  # fmt: skip
         self.name = name
@@ -341,7 +341,7 @@ class Troubles:
         self._delivering = threading.Lock()
 
     def source(
-        self, name: str, effect: Callable[[], str] = lambda: "", count: Callable[[], Count] = Count,
+        self, name: str, effect: Callable[[], str] = lambda: "", count: Callable[[], SampleCount] = SampleCount,
         unit: str = "sample", well: str = "works again", is_whole: bool = False, is_file: bool = True,
     ) -> TroubleSource:  # fmt: skip
         """Register a part of the run."""

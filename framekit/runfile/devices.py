@@ -22,7 +22,7 @@ from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.frames import expressions_of, parts_of
 from framekit.definition.model.procedure import Action
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.services import Area
+from framekit.definition.model.services import AreaModel
 from framekit.definition.nodes import Entry, Node, Scalar, Sequence, read_nodes, without
 from framekit.definition.nodes import Mapping as MappingNode
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean, parted
@@ -306,7 +306,7 @@ class _DeviceLoader:
             return load_profile_node(without(without(without(node, "set"), "map"), "sizes"), folder)
         return load_profile(self.reader.text(node), folder, node.at)
 
-    def _sizes(self, profile: MemoryProfile | None) -> dict[str, Area]:
+    def _sizes(self, profile: MemoryProfile | None) -> dict[str, AreaModel]:
         """Return the sizes of areas of the protocol that the file gives."""
         memory = self.root.get("memory")
         node = memory.get("sizes") if isinstance(memory, MappingNode) else None
@@ -423,13 +423,13 @@ def put_values(memory: DeviceMemory, initial: tuple[tuple[OwnPlace, tuple[int, .
 
 
 def memory_of(
-    protocol: Protocol, sizes: MappingOf[str, Area] | None = None
+    protocol: Protocol, sizes: MappingOf[str, AreaModel] | None = None
 ) -> tuple[tuple[MemoryArea, ...], AddressGrammar]:
     """Return a memory with the areas and addresses of a protocol; `sizes`: areas of another size.
 
     A size of 0 omits an area.
     """
-    found: dict[str, Area] = {}
+    found: dict[str, AreaModel] = {}
     for area in protocol.areas.values():
         if area.layout is None:
             found.setdefault(area.memory, area)
@@ -438,7 +438,7 @@ def memory_of(
     return tuple(areas), ProtocolAddresses(protocol, sizes)
 
 
-def _memory_area(name: str, area: Area) -> MemoryArea:
+def _memory_area(name: str, area: AreaModel) -> MemoryArea:
     if area.order == "little":
         return MemoryArea(name, size=area.size, unit=area.unit)
     return OrderedArea(name, size=area.size, unit=area.unit, order=area.order)
@@ -495,11 +495,11 @@ def _start_value(reader: Reader, grammar: AddressGrammar, entry: Entry) -> Start
 MOST_ELEMENTS = 1 << 20
 
 
-def read_sizes(reader: Reader, node: Node | None, protocol: Protocol) -> dict[str, Area]:
+def read_sizes(reader: Reader, node: Node | None, protocol: Protocol) -> dict[str, AreaModel]:
     """Return the areas with the sizes of `sizes: {ADDRESS: elements}`, by name; broken entries are noted and left
     out.
     """
-    found: dict[str, Area] = {}
+    found: dict[str, AreaModel] = {}
     grammar = ProtocolAddresses(protocol)
     for entry in reader.entries(node):
         with reader.going_on():

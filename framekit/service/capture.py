@@ -25,7 +25,7 @@ from framekit.definition.problems import error_text
 from framekit.definition.times import LineFormat
 from framekit.link.events import CharacterFault, LineFault, Seen
 from framekit.link.listener import Listener
-from framekit.run.trouble import Count, Troubles
+from framekit.run.trouble import SampleCount, Troubles
 from framekit.service.write_queue import WriteQueue
 from framekit.sinks.opened_file import OpenedFile
 from framekit.transport.clock import AsyncioClock, Clock
@@ -326,7 +326,7 @@ class _Sink:
         self._troubles = troubles
         self._begin("w")
         self.trouble = troubles.source(
-            f"capture {path}", lambda: "the capture ends here", lambda: Count(lost=self._lost), "record"
+            f"capture {path}", lambda: "the capture ends here", lambda: SampleCount(lost=self._lost), "record"
         )
 
     def _begin(self, mode: Literal["w", "a"]) -> None:

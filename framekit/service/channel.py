@@ -14,8 +14,8 @@ from framekit.codec.codec import Codec, compile_protocol
 from framekit.definition.model import protocol as model
 from framekit.link.arrivals import BadFrame
 from framekit.link.engine import Engine
-from framekit.link.events import Asked, MemoryAccess, Monitor, RequestHandler, Seen, Tape
-from framekit.link.services.client import Client
+from framekit.link.events import MemoryAccess, Monitor, RequestHandler, Seen, ServiceDone, Tape
+from framekit.link.services.client import ServiceClient
 from framekit.link.services.server import MemoryServer, ServiceCounters
 from framekit.link.slow import SlowStation
 from framekit.link.values import FrameValue
@@ -161,7 +161,7 @@ class ChannelService:
             self.engine.examine_replies(port.has_exact_times)
         self.driver = Driver(self.engine, port, clock, self._on_state, moment)
         self.receive_for(receiving)
-        self.client = client = Client(protocol, codec, self.engine) if protocol.services else None
+        self.client = client = ServiceClient(protocol, codec, self.engine) if protocol.services else None
         self.transfers = BlockTransfers(
             self.engine,
             client,
@@ -315,7 +315,7 @@ class ChannelService:
                 return str(run.unusable)
         return ""
 
-    def _ask(self, service: str, arguments: dict[str, Any], station: Any, done: Asked) -> None:
+    def _ask(self, service: str, arguments: dict[str, Any], station: Any, done: ServiceDone) -> None:
         if self.client is not None:
             self.client.ask(service, arguments, station, done)
 

@@ -14,8 +14,8 @@ from framekit.codec.codec import compile_protocol
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import LineFormat
 from framekit.link.engine import Engine
-from framekit.link.events import Asked, Monitor
-from framekit.link.services.client import Client, Done, Transfer, TransferResult
+from framekit.link.events import Monitor, ServiceDone
+from framekit.link.services.client import Done, ServiceClient, Transfer, TransferResult
 from framekit.link.services.server import MemoryServer
 from framekit.link.slow import SlowStation
 from framekit.link.values import FrameValue
@@ -31,7 +31,7 @@ log = logging.getLogger(__name__)
 MOST_FRAMES = 1000
 """Largest number of received frames kept for later calls."""
 
-Begin = Callable[[Client, int, Done], Transfer]
+Begin = Callable[[ServiceClient, int, Done], Transfer]
 """Function that starts a transfer of a client at a time (ns), with a callback for its end."""
 StateChanged = Callable[[bool, str], None]
 """Callback for the state of the port: whether it is open, and why not."""
@@ -85,7 +85,7 @@ class ClientService:
         engine.late.slow.on_change = self._slow
         if protocol.line.kind == "serial" and port.settings is not None:
             engine.examine_replies(port.has_exact_times)
-        self.client = Client(protocol, codec, engine)
+        self.client = ServiceClient(protocol, codec, engine)
         self.driver = Driver(engine, port, clock, self._state)
         self._sending: list[Callable[[bool], None]] = []
 
@@ -147,7 +147,7 @@ class ClientService:
         else:
             log.info("%s: station %s answers in time again", self.driver.port.name, station.station)
 
-    def _ask(self, service: str, arguments: dict[str, Any], station: Any, done: Asked) -> None:
+    def _ask(self, service: str, arguments: dict[str, Any], station: Any, done: ServiceDone) -> None:
         self.client.ask(service, arguments, station, done)
 
     # ---- frames -------------------------------------------------------------------------------------------

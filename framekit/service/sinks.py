@@ -22,7 +22,7 @@ from framekit.run.block_state import Failure
 from framekit.run.model import Point
 from framekit.run.points import PointTable, PointValue
 from framekit.run.status import RunStatus, SinkStatus
-from framekit.run.trouble import Count, Dropped, Troubles, TroubleSource, lasted, remedy_of, waiting_text
+from framekit.run.trouble import Dropped, SampleCount, Troubles, TroubleSource, lasted, remedy_of, waiting_text
 from framekit.service.points import PointService
 from framekit.service.waiting import AT_ONCE, Waiting
 from framekit.sinks import Sink, SinkKind
@@ -183,11 +183,11 @@ class SinkFeeder:
         """Describe the consequence of a trouble for the samples; at the end the reason has it."""
         return "" if self._is_over else waiting_text(len(self._waiting), self._most)
 
-    def _count(self) -> Count:
+    def _count(self) -> SampleCount:
         """Return the numbers of waiting and of lost samples."""
         count, refused = self._waiting.count, self._refused
         points = Counter(count.points) + refused.points.copy()
-        return Count(count.waiting, count.lost + refused.samples, points)
+        return SampleCount(count.waiting, count.lost + refused.samples, points)
 
     @property
     def status(self) -> SinkStatus:

@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Callable
 
 from framekit.definition.problems import error_text
-from framekit.run.trouble import Count, Dropped
+from framekit.run.trouble import Dropped, SampleCount
 from framekit.sinks.base import Sampled
 from framekit.sinks.store import MOST_WAITING, Store, StoreError
 
@@ -112,13 +112,13 @@ class Waiting:
         return len(self._memory)
 
     @property
-    def count(self) -> Count:
+    def count(self) -> SampleCount:
         """Return the numbers of waiting and of dropped samples."""
         dropped = [self._memory.dropped, *([] if self._store is None else [self._store.dropped])]
         points = dropped[0].points.copy()
         for other in dropped[1:]:
             points.update(other.points.copy())  # another thread may drop samples meanwhile
-        return Count(len(self), sum(one.samples for one in dropped), points)
+        return SampleCount(len(self), sum(one.samples for one in dropped), points)
 
     def open(self) -> None:
         """Open the store, if any. Raises sqlite3.Error, OSError, StoreError."""

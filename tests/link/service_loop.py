@@ -15,7 +15,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.link.events import Command, Exchange, Outcome, Served
 from framekit.link.frame_table import FrameTable
 from framekit.link.scope import Scope, with_date
-from framekit.link.services.client import Client, TransferResult
+from framekit.link.services.client import ServiceClient, TransferResult
 from framekit.link.services.server import MemoryServer
 from framekit.link.values import FrameValue, Names
 from framekit.memory.memory import DeviceMemory
@@ -62,7 +62,7 @@ class Loop:
         self.troubles: list[str] = []
         self.memory = memory or DeviceMemory(memory_of(self.protocol)[0])
         self.server = MemoryServer(self.protocol, codec, self.memory, **server)
-        self.client = Client(self.protocol, codec, self)
+        self.client = ServiceClient(self.protocol, codec, self)
         self.log: list[tuple[bytes, bytes, Served]] = []
         self.damage: Callable[[FrameValue], FrameValue] = lambda reply: reply
         self.outcomes: list[Outcome] = []

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from link.service_loop import Loop
 
 from framekit.link.addresses import AddressError
-from framekit.link.events import Asked, Outcome
+from framekit.link.events import Outcome, ServiceDone
 from framekit.link.packing import PackingError
 from framekit.link.services.client import ServiceError
 from framekit.link.values import FrameValue
@@ -393,7 +393,7 @@ def test_monitors_are_registered_by_address_and_run() -> None:
         loop.do("call", "register_monitor", {"register": 1}, addresses=["M0"] * 17)
 
 
-class Noted(Asked):
+class Noted(ServiceDone):
     """An `ask` step that records its outcomes."""
 
     def __init__(self) -> None:

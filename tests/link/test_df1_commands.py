@@ -12,8 +12,8 @@ from shipped import file_of
 
 from framekit.link.events import Command
 from framekit.link.scope import Scope
-from framekit.link.services.client import Client, Done, TransferResult
-from framekit.link.services.rows import Plan, Planner
+from framekit.link.services.client import Done, ServiceClient, TransferResult
+from framekit.link.services.rows import Planner, RowPlan
 from framekit.link.services.server import MemoryServer
 from framekit.link.values import read_layout
 from framekit.memory.memory import DeviceMemory
@@ -37,7 +37,7 @@ class Pair:
         params = {"processor": processor, **params}
         self.device = Side(text(), "full", own=NODE, server=server, params={**params, "node": NODE})
         self.asking = Side(text(), "full", own=0, params=params, ask=lambda *given: self.client.ask(*given))
-        self.client = Client(protocol, codec, self.asking.engine)
+        self.client = ServiceClient(protocol, codec, self.asking.engine)
 
     @property
     def state(self) -> Any:
@@ -791,7 +791,7 @@ def test_a_read_is_planned_once_and_its_packets_are_new_every_time(monkeypatch: 
     plans: list[str] = []
     real = Planner.plan
 
-    def plan(planner: Planner, service: str, *given: Any, **more: Any) -> Plan:
+    def plan(planner: Planner, service: str, *given: Any, **more: Any) -> RowPlan:
         plans.append(service)
         return real(planner, service, *given, **more)
 

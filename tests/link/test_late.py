@@ -14,7 +14,7 @@ from framekit.definition.problems import DefinitionError
 from framekit.definition.times import parse_format
 from framekit.link.engine import Engine
 from framekit.link.events import Break, Command, Exchange, Seen, Send
-from framekit.link.services.client import Client, TransferResult
+from framekit.link.services.client import ServiceClient, TransferResult
 from framekit.link.services.server import MemoryServer
 from framekit.link.values import FrameValue
 from framekit.memory.memory import DeviceMemory
@@ -39,7 +39,7 @@ class Side:
             protocol, codec, role, params=params, line=line, own=1, monitor=self.seen.append,
             on_frame=self.unasked.append,
         )  # fmt: skip
-        self.client = Client(protocol, codec, self.engine)
+        self.client = ServiceClient(protocol, codec, self.engine)
         self.device, self.memory = device_of(protocol)
         self.sent: list[bytes] = []
         self.replies: list[bytes] = []

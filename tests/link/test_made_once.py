@@ -12,7 +12,7 @@ from framekit.definition.load.protocol import load_protocol
 from framekit.link import inside
 from framekit.link.engine import Engine
 from framekit.link.services import rows
-from framekit.link.services.client import Client
+from framekit.link.services.client import ServiceClient
 from framekit.link.services.server import MemoryServer
 from framekit.memory.memory import DeviceMemory
 from framekit.runfile.devices import memory_of
@@ -25,7 +25,7 @@ def test_a_second_side_compiles_no_expression_and_looks_for_no_frames_inside(mon
     def make() -> None:
         memory = DeviceMemory(memory_of(protocol)[0])
         engine = Engine(protocol, codec, "full", server=MemoryServer(protocol, codec, memory))
-        Client(protocol, codec, engine)
+        ServiceClient(protocol, codec, engine)
 
     work: list[str] = []
 

@@ -8,7 +8,7 @@ import pytest
 from link.link_world import SECOND, Side, compiled, load
 
 from framekit.definition.problems import DefinitionError
-from framekit.link.services.client import Client, ServiceError, TransferResult
+from framekit.link.services.client import ServiceClient, ServiceError, TransferResult
 from framekit.link.services.server import MemoryServer
 from framekit.memory.memory import DeviceMemory
 from framekit.runfile.devices import memory_of
@@ -100,7 +100,7 @@ class Pair:
         memory = DeviceMemory(memory_of(protocol)[0])
         self.device = Side(text, "server", own=1, server=MemoryServer(protocol, codec, memory))
         self.asking = Side(text, "client", ask=lambda *arguments: self.client.ask(*arguments))
-        self.client = Client(protocol, codec, self.asking.engine)
+        self.client = ServiceClient(protocol, codec, self.asking.engine)
 
     @property
     def cells(self) -> Any:

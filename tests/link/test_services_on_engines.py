@@ -11,7 +11,7 @@ from link.link_world import MS, SECOND, Side, compiled
 from link.test_serving import MALFORMED, with_check
 from shipped import file_of
 
-from framekit.link.services.client import Client, TransferResult
+from framekit.link.services.client import ServiceClient, TransferResult
 from framekit.link.services.server import MemoryServer
 from framekit.memory.memory import DeviceMemory
 from framekit.runfile.devices import memory_of
@@ -28,7 +28,7 @@ class Pair:
         self.memory = DeviceMemory(memory_of(protocol)[0])
         self.device = Side(text, "server", own=1, server=MemoryServer(protocol, codec, self.memory))
         self.asking = Side(text, "client")
-        self.client = Client(protocol, codec, self.asking.engine)
+        self.client = ServiceClient(protocol, codec, self.asking.engine)
 
     def do(self, method: str, *arguments: Any, time: int = 20 * SECOND, **options: Any) -> TransferResult:
         results: list[TransferResult] = []

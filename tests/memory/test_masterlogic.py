@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from framekit.definition.model.services import AddressForm, Literally, Maybe, Part
+from framekit.definition.model.services import AddressForm, FormPart, Literally, Maybe
 from framekit.memory.clock_bits import SystemBits
 from framekit.memory.memory import AccessError
 from framekit.memory.profile import MemoryProfile, ProfileArea, load_profile
@@ -28,11 +28,11 @@ def profile() -> MemoryProfile:
     return load_profile("masterlogic")
 
 
-def pattern(parts: Iterable[Literally | Part | Maybe], area: ProfileArea) -> str:
+def pattern(parts: Iterable[Literally | FormPart | Maybe], area: ProfileArea) -> str:
     return "".join(_piece(part, area) for part in parts)
 
 
-def _piece(part: Literally | Part | Maybe, area: ProfileArea) -> str:
+def _piece(part: Literally | FormPart | Maybe, area: ProfileArea) -> str:
     if isinstance(part, Literally):
         return re.escape(part.text)
     if isinstance(part, Maybe):

@@ -14,7 +14,16 @@ from points.test_sinks import run_file
 from framekit.api.rows import trouble_row
 from framekit.api.run import VirtualRun
 from framekit.cli.main import main
-from framekit.run.trouble import AT_ONCE, Count, Dropped, Trouble, TroubleReport, Troubles, lasted, listed_troubles
+from framekit.run.trouble import (
+    AT_ONCE,
+    Dropped,
+    SampleCount,
+    Trouble,
+    TroubleReport,
+    Troubles,
+    lasted,
+    listed_troubles,
+)
 from framekit.service.capture import _Sink
 from framekit.sinks.files import CsvColumns
 
@@ -40,7 +49,7 @@ def test_each_event_is_reported_once() -> None:
     time = 0
     reports: list[tuple[str, str]] = []
     troubles = Troubles(lambda: time)
-    count = Count()
+    count = SampleCount()
     source = troubles.source("sink csv a.csv", lambda: "values wait", lambda: count)
     source.begins("No space left on device")
     troubles.listen(lambda report: reports.append((report.event, report.text)))
@@ -48,7 +57,7 @@ def test_each_event_is_reported_once() -> None:
     time = 90 * SECOND
     source.begins("Input/output error")
     assert [one.reason for one in troubles.present()] == ["Input/output error"] and len(reports) == 1
-    count = Count(3, 2, {"level": 2})
+    count = SampleCount(3, 2, {"level": 2})
     source.loses("too many wait")
     source.loses("too many wait")
     source.ends()
@@ -117,7 +126,7 @@ def test_many_troubles_at_once_are_joined() -> None:
     reports: list[tuple[str, str]] = []
     troubles = Troubles(lambda: time)
     troubles.listen(lambda report: reports.append((report.event, report.text)))
-    counts = [Count(0, 2, {"level": 2, f"point {number}": 1}) for number in range(500)]
+    counts = [SampleCount(0, 2, {"level": 2, f"point {number}": 1}) for number in range(500)]
     sources = [
         troubles.source(f"sink csv {number}.csv", lambda: "samples wait", lambda number=number: counts[number])
         for number in range(500)

@@ -14,7 +14,7 @@ from framekit.link.engine import Engine
 from framekit.link.events import Seen
 from framekit.link.frame_faults import FrameFaults
 from framekit.link.scope import Scope
-from framekit.link.services.client import Client, TransferResult
+from framekit.link.services.client import ServiceClient, TransferResult
 from framekit.run.model import FaultPlan, FaultRule
 from framekit.runfile.devices import Device, memory_of
 from framekit.service.device import DeviceService, DeviceStore
@@ -99,7 +99,7 @@ class FaultWorld:
             monitor=self._watch,
         )  # fmt: skip
         self.seen: Counter[str] = Counter()
-        self.client = Client(self.protocol, codec, self.engine)
+        self.client = ServiceClient(self.protocol, codec, self.engine)
         self.engine.machine.ask_service = self.client.ask
         scope = Scope(self.protocol, role=link.asking, own=own, line=settings, params=client_params)
         frames = FrameFaults(self.protocol, codec, scope, answers=False)

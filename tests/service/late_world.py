@@ -20,7 +20,7 @@ from framekit.definition.load.protocol import load_protocol, load_protocol_text
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import parse_format
 from framekit.link.events import Seen
-from framekit.link.services.client import Client, Done, Transfer, TransferResult
+from framekit.link.services.client import Done, ServiceClient, Transfer, TransferResult
 from framekit.run.model import FaultPlan, FaultRule
 from framekit.runfile.devices import Device, memory_of
 from framekit.service.client import ClientService
@@ -195,7 +195,7 @@ class LateWorld:
         self._ended.clear()
         asks_for = {"address": self.line.places[at], "station": self.line.station, "unit": None, "count": 1}
 
-        def begin(client: Client, now: int, done: Done) -> Transfer:
+        def begin(client: ServiceClient, now: int, done: Done) -> Transfer:
             return client.read(**asks_for, now=now, on_done=done)
 
         self.service.request(begin, self._ended.append)
@@ -216,7 +216,7 @@ class LateWorld:
         """Write a value to the first place; return the result."""
         self._ended.clear()
 
-        def begin(client: Client, now: int, done: Done) -> Transfer:
+        def begin(client: ServiceClient, now: int, done: Done) -> Transfer:
             return client.write(self.line.places[0], [value], station=self.line.station, now=now, on_done=done)
 
         self.service.request(begin, self._ended.append)

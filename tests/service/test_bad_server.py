@@ -11,7 +11,7 @@ from framekit.definition.load.protocol import load_protocol
 from framekit.definition.times import LineFormat
 from framekit.link.engine import Engine
 from framekit.link.events import Command
-from framekit.link.services.client import Client
+from framekit.link.services.client import ServiceClient
 from framekit.service.driver import Driver
 from framekit.transport.clock import VirtualClock
 from framekit.transport.simulated_line import SimulatedLine
@@ -86,7 +86,7 @@ def read_twice(first: bytes, delay: int, retries: int) -> tuple[list[Any], BadSe
     codec = compile_protocol(protocol)
     params = {"reply_timeout": "100 ms", "retries": str(retries)}
     engine = Engine(protocol, codec, "client", params=params, line=settings)
-    driver, client = Driver(engine, line.port("client"), clock), Client(protocol, codec, engine)
+    driver, client = Driver(engine, line.port("client"), clock), ServiceClient(protocol, codec, engine)
     driver.start()
     clock.run_for(MILLISECOND)
     results: list[Any] = []

@@ -22,7 +22,7 @@ from framekit.definition.load.protocol import load_protocol
 from framekit.definition.times import parse_format
 from framekit.link.engine import Engine
 from framekit.link.events import Command, Served
-from framekit.link.services.client import Client, TransferResult
+from framekit.link.services.client import ServiceClient, TransferResult
 from framekit.link.services.server import MemoryServer
 from framekit.link.values import FrameValue, Names
 from framekit.memory.memory import DeviceMemory
@@ -99,7 +99,7 @@ class Station:
             protocol, codec, "full", params={"node": self.number, **self.params}, line=self.line.settings,
             own=self.number, server=self, memory=AddressedMemory(self.memory, grammar), now=0,
         )  # fmt: skip
-        self.client = Client(protocol, codec, self.engine)
+        self.client = ServiceClient(protocol, codec, self.engine)
         self.driver = Driver(self.engine, self.line.port(str(self.number)), self.clock)
         self.random = Random(self.number)
 

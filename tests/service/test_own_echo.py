@@ -12,7 +12,7 @@ import pytest
 from framekit.definition.load.protocol import load_protocol, load_protocol_text
 from framekit.definition.times import parse_format
 from framekit.link.own_echo import UNPROVED
-from framekit.link.services.client import Client, Transfer, TransferResult
+from framekit.link.services.client import ServiceClient, Transfer, TransferResult
 from framekit.runfile.devices import Device, memory_of
 from framekit.runfile.run_file import load_run
 from framekit.service.client import ClientService
@@ -79,7 +79,7 @@ class EchoWorld:
     def called(self, service: str, **arguments: Any) -> TransferResult:
         return self.end_of(lambda client: partial(client.call, service, arguments))
 
-    def end_of(self, method: Callable[[Client], Callable[..., Transfer]]) -> TransferResult:
+    def end_of(self, method: Callable[[ServiceClient], Callable[..., Transfer]]) -> TransferResult:
         found: list[TransferResult] = []
         self.service.request(lambda client, now, done: method(client)(station=3, now=now, on_done=done), found.append)
         self.clock.run_for(60 * SECOND)

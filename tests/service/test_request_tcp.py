@@ -19,7 +19,7 @@ import framekit
 from framekit.api.run import run_status
 from framekit.cli.main import main
 from framekit.cli.run_output import status_text
-from framekit.link.services.client import Client, TransferResult
+from framekit.link.services.client import ServiceClient, TransferResult
 from framekit.transport.clock import VirtualClock
 
 PROTOCOL = "srtp"
@@ -174,7 +174,7 @@ def test_task_and_block_memory_of_the_large_family() -> None:
         assert done(there.client.read, address, count=2).values == [0x4A9B, 0x3463]
 
 
-def read_word(asking: Side, client: Client, results: dict[int, Any], number: int) -> None:
+def read_word(asking: Side, client: ServiceClient, results: dict[int, Any], number: int) -> None:
     def told(done: TransferResult) -> None:
         results[number] = done.values
 
@@ -193,7 +193,7 @@ def test_replies_in_any_order_find_their_requests() -> None:
     text = file_of(f"{PROTOCOL}.yaml").read_text(encoding="utf-8")
     protocol, codec = compiled(text)
     asking = Side(text, "client", params={"outstanding": 4})
-    client = Client(protocol, codec, asking.engine)
+    client = ServiceClient(protocol, codec, asking.engine)
     results: dict[int, Any] = {}
     for number in range(1, 7):
         read_word(asking, client, results, number)

@@ -11,12 +11,12 @@ from typing import Any, Generic, TypeVar
 
 from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
-from framekit.codec.python.encode import Cases, EncodeWriter, Given
+from framekit.codec.python.encode import Cases, ConsumedValues, EncodeWriter
 from framekit.codec.python.encode_plan import Lengths, PackArgument, Rules, RuleWriter, Task
-from framekit.codec.python.expressions import Kind, NameEntry, Scope
+from framekit.codec.python.expressions import FieldScope, Kind, NameEntry
 from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.module import add_helpers
-from framekit.codec.python.reader import BufferReader, Item, Slot
+from framekit.codec.python.reader import BufferReader, ScopedSegment, Slot
 from framekit.codec.python.registry import KINDS
 from framekit.codec.python.source import quoted
 from framekit.definition.brought import bring
@@ -53,7 +53,7 @@ class SegmentKind(Generic[S]):
 
     # ---- decoding -----------------------------------------------------------------------------------------
 
-    def slot(self, r: BufferReader, item: Item, segment: S, size: int) -> Slot:
+    def slot(self, r: BufferReader, item: ScopedSegment, segment: S, size: int) -> Slot:
         """Return the slot of a fixed-size segment in the struct that unpacks a run; padding unless overridden."""
         return Slot(item, size, "x", "", None)
 
@@ -63,29 +63,29 @@ class SegmentKind(Generic[S]):
         `r.place` is the offset of the segment. `converted`: `source` is the final number and needs no conversion.
         """
 
-    def read(self, r: BufferReader, item: Item, segment: S, after: tuple[Item, ...]) -> None:
+    def read(self, r: BufferReader, item: ScopedSegment, segment: S, after: tuple[ScopedSegment, ...]) -> None:
         """Write the reading of a present segment that is not part of a run; `after` lists the items that follow it."""
         raise TypeError(f"no segment to read: {segment!r}")
 
     # ---- encoding -----------------------------------------------------------------------------------------
 
-    def tasks(self, w: EncodeWriter, segment: S, scope: Scope, given: Given) -> list[Task]:
+    def tasks(self, w: EncodeWriter, segment: S, scope: FieldScope, given: ConsumedValues) -> list[Task]:
         """Return the tasks that put the values of the segment into locals, each with its prerequisites."""
         return []
 
-    def cases(self, w: EncodeWriter, segment: S, scope: Scope, given: Given) -> Cases:
+    def cases(self, w: EncodeWriter, segment: S, scope: FieldScope, given: ConsumedValues) -> Cases:
         """Return the alternative segment lists with the header line of each; a list of None marks a forbidden case."""
         raise TypeError(f"no cases: {segment!r}")
 
-    def argument(self, w: EncodeWriter, segment: S, scope: Scope, size: int) -> PackArgument:
+    def argument(self, w: EncodeWriter, segment: S, scope: FieldScope, size: int) -> PackArgument:
         """Return the argument of a fixed-size segment for the struct that packs a run."""
         raise TypeError(f"no segment of a run: {segment!r}")
 
-    def bytes_text(self, w: EncodeWriter, segment: S, scope: Scope) -> str:
+    def bytes_text(self, w: EncodeWriter, segment: S, scope: FieldScope) -> str:
         """Return the source of the bytes of a present segment that is not part of a run."""
         raise TypeError(f"no segment to build: {segment!r}")
 
-    def room(self, w: EncodeWriter, segment: S, scope: Scope, plain: bool) -> str | None:
+    def room(self, w: EncodeWriter, segment: S, scope: FieldScope, plain: bool) -> str | None:
         """Return the source of the size of a segment of variable size, in bytes, or None if no length needs it.
 
         `plain`: the size before conversion.
@@ -112,18 +112,18 @@ class SegmentKind(Generic[S]):
 
     # ---- diagnosis ----------------------------------------------------------------------------------------
 
-    def declare(self, d: DiagnosisWriter, segment: S, scope: Scope) -> None:
+    def declare(self, d: DiagnosisWriter, segment: S, scope: FieldScope) -> None:
         """Add the names that expressions may read to `scope`, in the form that careful functions use."""
         for name in segment.value_names:
             scope.entries[name] = NameEntry(f"n[{quoted(name)}]")
 
-    def diagnose(self, d: DiagnosisWriter, segment: S, scope: Scope, behind: Behind) -> None:
+    def diagnose(self, d: DiagnosisWriter, segment: S, scope: FieldScope, behind: Behind) -> None:
         """Write the calls that read a present segment carefully, given the later segments of its buffer."""
         raise NotImplementedError
 
     # ---- measuring ----------------------------------------------------------------------------------------
 
-    def measure(self, m: MeasureWriter, segment: S, scope: Scope, after: Pairs) -> None:
+    def measure(self, m: MeasureWriter, segment: S, scope: FieldScope, after: Pairs) -> None:
         """Write how a measuring function passes a present segment; `after` lists the later segments of the frame.
 
         Raises Finished if no later segment can change the result.
@@ -160,10 +160,10 @@ class TypedKind(SegmentKind[T]):
         code = forms.struct_code(segment.type)
         return None if code is None else code[1]
 
-    def argument(self, w: EncodeWriter, segment: T, scope: Scope, size: int) -> PackArgument:
+    def argument(self, w: EncodeWriter, segment: T, scope: FieldScope, size: int) -> PackArgument:
         return w.number_argument(segment, scope, size)
 
-    def bytes_text(self, w: EncodeWriter, segment: T, scope: Scope) -> str:
+    def bytes_text(self, w: EncodeWriter, segment: T, scope: FieldScope) -> str:
         size = segment.type.size
         text = w.bounded(size, scope) if isinstance(size, Expression) else str(size)
         return forms.build(w.module, segment.type, w.wire(segment, scope), text)
@@ -171,10 +171,10 @@ class TypedKind(SegmentKind[T]):
     def room_waits(self, w: EncodeWriter, segment: T) -> set[str]:
         return w.waits(segment.type.size if isinstance(segment.type.size, Expression) else None)
 
-    def room(self, w: EncodeWriter, segment: T, scope: Scope, plain: bool) -> str | None:
+    def room(self, w: EncodeWriter, segment: T, scope: FieldScope, plain: bool) -> str | None:
         return w.text(segment.type.size, scope, PRODUCT + 1) if isinstance(segment.type.size, Expression) else None
 
-    def measure(self, m: MeasureWriter, segment: T, scope: Scope, after: Pairs) -> None:
+    def measure(self, m: MeasureWriter, segment: T, scope: FieldScope, after: Pairs) -> None:
         m.number(segment, scope, after)
 
 
@@ -184,11 +184,11 @@ V = TypeVar("V", Field, Length, Count)
 class TypedValueKind(TypedKind[V]):
     """Read one value of a type; each kind adds its own checks of the value."""
 
-    def must_hold(self, r: BufferReader, item: Item, segment: V, local: str) -> None:
+    def must_hold(self, r: BufferReader, item: ScopedSegment, segment: V, local: str) -> None:
         """Write the checks of the value in `local`."""
         raise NotImplementedError
 
-    def slot(self, r: BufferReader, item: Item, segment: V, size: int) -> Slot:
+    def slot(self, r: BufferReader, item: ScopedSegment, segment: V, size: int) -> Slot:
         code, order = forms.struct_code(segment.type) or ("", "")
         return Slot(item, size, code, order, r.function.local(segment.name, item.scope))
 
@@ -198,7 +198,7 @@ class TypedValueKind(TypedKind[V]):
         r.declare(item, segment.name, local, sized=has_length(segment.type), wire=str(slot.size))
         self.must_hold(r, item, segment, local)
 
-    def declare(self, d: DiagnosisWriter, segment: V, scope: Scope) -> None:
+    def declare(self, d: DiagnosisWriter, segment: V, scope: FieldScope) -> None:
         scope.entries[segment.name] = careful_entry(segment, sized=has_length(segment.type))
 
 

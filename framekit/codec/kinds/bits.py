@@ -7,10 +7,10 @@ from dataclasses import replace
 from framekit.codec.kinds.base import TypedKind, careful_entry
 from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
-from framekit.codec.python.encode import EncodeWriter, Given
+from framekit.codec.python.encode import ConsumedValues, EncodeWriter
 from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
-from framekit.codec.python.expressions import NameEntry, Scope, constant_of
-from framekit.codec.python.reader import ANY_WIDTH, BufferReader, Item, Slot, shown_name
+from framekit.codec.python.expressions import FieldScope, NameEntry, constant_of
+from framekit.codec.python.reader import ANY_WIDTH, BufferReader, ScopedSegment, Slot, shown_name
 from framekit.codec.python.registry import type_text
 from framekit.codec.python.source import literal, quoted
 from framekit.definition.expression import Expression, Number
@@ -21,7 +21,7 @@ class BitsKind(TypedKind[Bits]):
     model = Bits
     may_be_absent = True
 
-    def slot(self, r: BufferReader, item: Item, segment: Bits, size: int) -> Slot:
+    def slot(self, r: BufferReader, item: ScopedSegment, segment: Bits, size: int) -> Slot:
         code, order = forms.struct_code(segment.type) or ("", "")
         return Slot(item, size, code, order, r.function.names.fresh(shown_name(segment, "bits")))
 
@@ -29,24 +29,24 @@ class BitsKind(TypedKind[Bits]):
         r.assign(slot.text, r.wire(segment.type, source, converted))
         _cut(r, slot.item, segment, slot.text)
 
-    def read(self, r: BufferReader, item: Item, segment: Bits, after: tuple[Item, ...]) -> None:
+    def read(self, r: BufferReader, item: ScopedSegment, segment: Bits, after: tuple[ScopedSegment, ...]) -> None:
         local = r.function.names.fresh(shown_name(segment, "bits"))
         r.function.add(f"{local} = {r.sized_number(item, segment)}")
         _cut(r, item, segment, local)
 
-    def tasks(self, w: EncodeWriter, segment: Bits, scope: Scope, given: Given) -> list[Task]:
+    def tasks(self, w: EncodeWriter, segment: Bits, scope: FieldScope, given: ConsumedValues) -> list[Task]:
         tasks = [_part_task(w, part, segment.when, scope, given) for part in segment.parts]
         if segment.name is not None and segment.name in w.read_names:
             scope.entries[segment.name] = NameEntry("0", sized=False, wire=w.own_room(segment, scope))
         return tasks
 
-    def declare(self, d: DiagnosisWriter, segment: Bits, scope: Scope) -> None:
+    def declare(self, d: DiagnosisWriter, segment: Bits, scope: FieldScope) -> None:
         super().declare(d, segment, scope)
         if segment.name:  # another case may have a value of the same name
             entry = replace(careful_entry(segment, sized=False), text="0")
             scope.entries.setdefault(segment.name, entry)
 
-    def diagnose(self, d: DiagnosisWriter, segment: Bits, scope: Scope, behind: Behind) -> None:
+    def diagnose(self, d: DiagnosisWriter, segment: Bits, scope: FieldScope, behind: Behind) -> None:
         parts = {part.name: (part.low, (1 << part.high - part.low + 1) - 1) for part in segment.parts}
         among: dict[str, tuple[tuple[int, ...], str]] = {}
         for part in segment.parts:
@@ -79,7 +79,9 @@ def _places(low: int, high: int) -> str:
     return str(low) if low == high else f"{low}-{high}"
 
 
-def _part_task(w: EncodeWriter, part: BitsPart, when: Expression | None, scope: Scope, given: Given) -> Task:
+def _part_task(
+    w: EncodeWriter, part: BitsPart, when: Expression | None, scope: FieldScope, given: ConsumedValues
+) -> Task:
     def write(missing: set[str]) -> None:
         _put_part(w, part, when, scope, given, missing)
         entry = scope.entries[part.name]
@@ -92,7 +94,12 @@ def _part_task(w: EncodeWriter, part: BitsPart, when: Expression | None, scope: 
 
 
 def _put_part(
-    w: EncodeWriter, part: BitsPart, when: Expression | None, scope: Scope, given: Given, missing: set[str]
+    w: EncodeWriter,
+    part: BitsPart,
+    when: Expression | None,
+    scope: FieldScope,
+    given: ConsumedValues,
+    missing: set[str],
 ) -> None:
     local = w.local(part.name, given)
     text = local
@@ -121,7 +128,7 @@ def _put_part(
     scope.entries[part.name] = NameEntry(text, sized=False)
 
 
-def _cut(r: BufferReader, item: Item, bits: Bits, whole: str) -> None:
+def _cut(r: BufferReader, item: ScopedSegment, bits: Bits, whole: str) -> None:
     """Write the assignments that cut the number `whole` into its named bits."""
     fixed = bits.type.fixed_size  # a number of computed size may have more bits than the names cover
     width = ANY_WIDTH if fixed is None else 8 * fixed // (2 if bits.type.kind == "digits" else 1)

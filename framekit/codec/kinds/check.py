@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
-from framekit.codec.python.expressions import Scope
+from framekit.codec.python.expressions import FieldScope
 from framekit.codec.python.forms import code_bytes
 from framekit.codec.python.function import Offset, between, covered_parts, covered_paths, covers_later, on_the_wire
 from framekit.codec.python.measure import MeasureWriter, Pairs
-from framekit.codec.python.reader import BufferReader, Item, Slot
+from framekit.codec.python.reader import BufferReader, ScopedSegment, Slot
 from framekit.codec.python.source import quoted
 from framekit.definition.codings import Plain
 from framekit.definition.expression import PRODUCT
@@ -26,7 +26,7 @@ class CheckKind(SegmentKind[Check]):
     def struct_order(self, segment: Check) -> str | None:
         return forms.check_code(segment)[1]
 
-    def slot(self, r: BufferReader, item: Item, segment: Check, size: int) -> Slot:
+    def slot(self, r: BufferReader, item: ScopedSegment, segment: Check, size: int) -> Slot:
         if segment.verify != "error" or r.residue(segment) is not None:
             return super().slot(r, item, segment, size)
         code, order = forms.check_code(segment)
@@ -35,7 +35,7 @@ class CheckKind(SegmentKind[Check]):
     def unpacked(self, r: BufferReader, slot: Slot, segment: Check, source: str, converted: bool) -> None:
         r.validate_check(segment, slot.item.scope, source, slot.code.endswith("s"))
 
-    def diagnose(self, d: DiagnosisWriter, segment: Check, scope: Scope, behind: Behind) -> None:
+    def diagnose(self, d: DiagnosisWriter, segment: Check, scope: FieldScope, behind: Behind) -> None:
         key = forms.needs(segment, d.writer(scope).text, "n.ctx")
         code = code_bytes(d.module, segment, _covered(d, segment, scope), key)
         options = ", digits=True" if segment.form in ("hex", "HEX") else ""
@@ -50,7 +50,7 @@ class CheckKind(SegmentKind[Check]):
         else:
             d.out.add(f"n.check({d.named(segment)}, {segment.size}, lambda n: {code}{options})")
 
-    def measure(self, m: MeasureWriter, segment: Check, scope: Scope, after: Pairs) -> None:
+    def measure(self, m: MeasureWriter, segment: Check, scope: FieldScope, after: Pairs) -> None:
         if segment.ends:
             m.want(segment.size, after)
             end = m.place.plus(segment.size)
@@ -66,7 +66,7 @@ class CheckKind(SegmentKind[Check]):
         return f"check {segment.method.name}" + ("" if segment.form == "raw" else f" as {segment.form}")
 
 
-def _covered(d: DiagnosisWriter, check: Check, scope: Scope) -> str:
+def _covered(d: DiagnosisWriter, check: Check, scope: FieldScope) -> str:
     """Return the source of the bytes that a check covers, for a careful function."""
     if check.covers is None:
         return "n.data[: n.at]"
@@ -82,7 +82,7 @@ def _covered(d: DiagnosisWriter, check: Check, scope: Scope) -> str:
     return " + ".join(texts) or 'b""'
 
 
-def _measured(m: MeasureWriter, check: Check, scope: Scope) -> str:
+def _measured(m: MeasureWriter, check: Check, scope: FieldScope) -> str:
     """Return the source of the bytes that a check covers, for a measuring function."""
     if check.covers is None:
         return between("data", Offset("start", 0), m.place)

@@ -6,12 +6,12 @@ from collections.abc import Callable, Iterator
 
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
-from framekit.codec.python.encode import Cases, EncodeWriter, Given
+from framekit.codec.python.encode import Cases, ConsumedValues, EncodeWriter
 from framekit.codec.python.encode_plan import Task
-from framekit.codec.python.expressions import Scope
+from framekit.codec.python.expressions import FieldScope
 from framekit.codec.python.function import FunctionWriter, Offset
 from framekit.codec.python.measure import Finished, MeasureWriter, Pairs
-from framekit.codec.python.reader import BufferReader, Item
+from framekit.codec.python.reader import BufferReader, ScopedSegment
 from framekit.codec.python.registry import summary
 from framekit.codec.python.source import literal, quoted
 from framekit.definition.expression import AND, BIT_OR
@@ -22,32 +22,32 @@ from framekit.definition.model.segments import Choose, Field, Optional, Segments
 class ChooseKind(SegmentKind[Choose]):
     model = Choose
 
-    def read(self, r: BufferReader, item: Item, segment: Choose, after: tuple[Item, ...]) -> None:
+    def read(self, r: BufferReader, item: ScopedSegment, segment: Choose, after: tuple[ScopedSegment, ...]) -> None:
         function = r.function
         on = function.writer(item.scope).text(segment.on, BIT_OR)
         if not on.isidentifier():
             local = function.names.fresh("case")
             function.add(f"{local} = {on}")
             on = local
-        branches: list[tuple[str, list[Item]]] = []
+        branches: list[tuple[str, list[ScopedSegment]]] = []
         for header, segments in _headers(function, segment, on):
-            branches.append((header, [Item(one, item.scope, item.fields) for one in segments]))
+            branches.append((header, [ScopedSegment(one, item.scope, item.fields) for one in segments]))
         item.fields.open(function.out)
         if segment.otherwise is not None:
-            branches.append(("else:", [Item(one, item.scope, item.fields) for one in segment.otherwise]))
+            branches.append(("else:", [ScopedSegment(one, item.scope, item.fields) for one in segment.otherwise]))
         r.prepare_names([inner for _, items in branches for inner in items])
         r.branches_of_choice(branches, after, fault=segment.otherwise is None)
 
-    def tasks(self, w: EncodeWriter, segment: Choose, scope: Scope, given: Given) -> list[Task]:
+    def tasks(self, w: EncodeWriter, segment: Choose, scope: FieldScope, given: ConsumedValues) -> list[Task]:
         return w.branch_tasks(segment, scope, given)
 
-    def cases(self, w: EncodeWriter, segment: Choose, scope: Scope, given: Given) -> Cases:
+    def cases(self, w: EncodeWriter, segment: Choose, scope: FieldScope, given: ConsumedValues) -> Cases:
         on = w.text(segment.on, scope, BIT_OR)
         condition = "" if segment.when is None else f"{w.text(segment.when, scope, AND)} and "
         last = "else:" if segment.when is None else f"elif {w.text(segment.when, scope)}:"
         return [*_headers(w, segment, condition + on), (last, segment.otherwise)]
 
-    def diagnose(self, d: DiagnosisWriter, segment: Choose, scope: Scope, behind: Behind) -> None:
+    def diagnose(self, d: DiagnosisWriter, segment: Choose, scope: FieldScope, behind: Behind) -> None:
         text = d.writer(scope).text(segment.on)
         if absent := d.absent(segment):
             d.out.add(absent)
@@ -64,7 +64,7 @@ class ChooseKind(SegmentKind[Choose]):
                     f'raise n.stop("value", {d.named(segment)}, "one of the cases", str(case){d.refuse(segment)})'
                 )
 
-    def measure(self, m: MeasureWriter, segment: Choose, scope: Scope, after: Pairs) -> None:
+    def measure(self, m: MeasureWriter, segment: Choose, scope: FieldScope, after: Pairs) -> None:
         case = m.names.fresh("case")
         m.add(f"{case} = {m.text(segment.on, scope)}")
         m.absent((segment,), scope)
@@ -101,7 +101,7 @@ def _headers(writer: FunctionWriter, choose: Choose, on: str) -> Iterator[tuple[
 
 
 def _diagnose_case(
-    d: DiagnosisWriter, without_others: Callable[[Segments], str], case: Segments, scope: Scope, behind: Behind
+    d: DiagnosisWriter, without_others: Callable[[Segments], str], case: Segments, scope: FieldScope, behind: Behind
 ) -> None:
     if absent := without_others(case):
         d.out.add(absent)
@@ -112,9 +112,9 @@ def _diagnose_case(
 class OptionalKind(SegmentKind[Optional]):
     model = Optional
 
-    def read(self, r: BufferReader, item: Item, segment: Optional, after: tuple[Item, ...]) -> None:
+    def read(self, r: BufferReader, item: ScopedSegment, segment: Optional, after: tuple[ScopedSegment, ...]) -> None:
         end = r.region_end(after)
-        items = [Item(segment, item.scope, item.fields) for segment in segment.of]
+        items = [ScopedSegment(segment, item.scope, item.fields) for segment in segment.of]
         if end.base == "end":
             name = r.function.names.fresh("region_end")
             r.function.add(f"{name} = {end.text(r.buffer)}")
@@ -124,15 +124,15 @@ class OptionalKind(SegmentKind[Optional]):
         r.settle()
         r.branches_of_choice([(f"if {r.at} < {end.base}:", items)], after, fault=False)
 
-    def tasks(self, w: EncodeWriter, segment: Optional, scope: Scope, given: Given) -> list[Task]:
+    def tasks(self, w: EncodeWriter, segment: Optional, scope: FieldScope, given: ConsumedValues) -> list[Task]:
         return w.branch_tasks(segment, scope, given)
 
-    def cases(self, w: EncodeWriter, segment: Optional, scope: Scope, given: Given) -> Cases:
+    def cases(self, w: EncodeWriter, segment: Optional, scope: FieldScope, given: ConsumedValues) -> Cases:
         names = [name for one in flat(segment.of) for name in one.given_names]
         tests = " or ".join(f"{quoted(name)} in {given.text}" for name in names)
         return [(f"if {tests or 'True'}:", segment.of)]
 
-    def diagnose(self, d: DiagnosisWriter, segment: Optional, scope: Scope, behind: Behind) -> None:
+    def diagnose(self, d: DiagnosisWriter, segment: Optional, scope: FieldScope, behind: Behind) -> None:
         if absent := d.absent(segment):
             d.out.add(absent)
         with d.out.block(f"if n.rest({d.behind(behind)}, {d.named(segment)}) > 0:"):
@@ -141,7 +141,7 @@ class OptionalKind(SegmentKind[Optional]):
             with d.out.block("else:"):
                 d.out.add(absent)
 
-    def measure(self, m: MeasureWriter, segment: Optional, scope: Scope, after: Pairs) -> None:
+    def measure(self, m: MeasureWriter, segment: Optional, scope: FieldScope, after: Pairs) -> None:
         m.rest(segment, after)
 
     def describe(self, segment: Optional) -> str:

@@ -7,12 +7,12 @@ from typing import TypeVar
 from framekit.codec.kinds.base import TypedValueKind
 from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
-from framekit.codec.python.encode import EncodeWriter, Given
+from framekit.codec.python.encode import ConsumedValues, EncodeWriter
 from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
-from framekit.codec.python.expressions import NameEntry, Scope
+from framekit.codec.python.expressions import FieldScope, NameEntry
 from framekit.codec.python.facts import comes_with, is_followed, is_plain_name, targets_of
 from framekit.codec.python.function import FunctionWriter, wire_paths
-from framekit.codec.python.reader import BufferReader, Comparison, Item, not_possible
+from framekit.codec.python.reader import BufferReader, Comparison, ScopedSegment, not_possible
 from framekit.codec.python.registry import type_text
 from framekit.codec.python.source import Code, literal, quoted, text_source
 from framekit.definition.model.segments import Count, Data, Length, Repeat
@@ -23,7 +23,7 @@ C = TypeVar("C", Length, Count)
 class CountedKind(TypedValueKind[C]):
     """Read a number that must agree with the counted segments; each kind defines which quantity it counts."""
 
-    def compare(self, r: BufferReader, item: Item, segment: C) -> None:
+    def compare(self, r: BufferReader, item: ScopedSegment, segment: C) -> None:
         """Defer the comparison of the number with the counted segments until these are read."""
         raise NotImplementedError
 
@@ -31,18 +31,18 @@ class CountedKind(TypedValueKind[C]):
         """Return the source of the expected number, or None if no disagreement is possible."""
         raise NotImplementedError
 
-    def must_hold(self, r: BufferReader, item: Item, segment: C, local: str) -> None:
+    def must_hold(self, r: BufferReader, item: ScopedSegment, segment: C, local: str) -> None:
         r.validate_limits(segment, local)
         self.compare(r, item, segment)
 
-    def read(self, r: BufferReader, item: Item, segment: C, after: tuple[Item, ...]) -> None:
+    def read(self, r: BufferReader, item: ScopedSegment, segment: C, after: tuple[ScopedSegment, ...]) -> None:
         """Write the reading of a number whose size is an expression."""
         local = r.function.local(segment.name, item.scope)
         r.function.add(f"{local} = {forms.value_of(segment, r.sized_number(item, segment))}")
         r.declare(item, segment.name, local, sized=False, wire=r.function.wire_size(segment.path))
         self.must_hold(r, item, segment, local)
 
-    def diagnose(self, d: DiagnosisWriter, segment: C, scope: Scope, behind: Behind) -> None:
+    def diagnose(self, d: DiagnosisWriter, segment: C, scope: FieldScope, behind: Behind) -> None:
         _diagnose(d, segment, scope, self.wanted(d, segment))
 
     def rules(self, w: RuleWriter, segment: C, always: bool, lengths: Lengths) -> Rules:
@@ -53,7 +53,7 @@ class LengthKind(CountedKind[Length]):
     model = Length
     may_be_absent = True
 
-    def compare(self, r: BufferReader, item: Item, segment: Length) -> None:
+    def compare(self, r: BufferReader, item: ScopedSegment, segment: Length) -> None:
         """Defer the comparison of a length with the bytes it counts, unless their size follows from the length."""
         function = r.function
         if is_followed(segment, function.segments):
@@ -73,7 +73,7 @@ class LengthKind(CountedKind[Length]):
     def wanted(self, d: DiagnosisWriter, segment: Length) -> str | None:
         return _room_of(d, segment)
 
-    def tasks(self, w: EncodeWriter, segment: Length, scope: Scope, given: Given) -> list[Task]:
+    def tasks(self, w: EncodeWriter, segment: Length, scope: FieldScope, given: ConsumedValues) -> list[Task]:
         waits = {token for path in segment.counted for token in w.room_tokens(path)} | w.size_waits(segment)
         return [Task((segment.name,), waits, lambda _: _put_length(w, segment, scope, given))]
 
@@ -82,7 +82,7 @@ class LengthKind(CountedKind[Length]):
         return f"{segment.name} {type_text(segment.type)} = length of {counted}"
 
 
-def _put_length(w: EncodeWriter, length: Length, scope: Scope, given: Given) -> None:
+def _put_length(w: EncodeWriter, length: Length, scope: FieldScope, given: ConsumedValues) -> None:
     counted = [w.targets[path] for path in length.counted if path in w.targets] if length.plain else []
     for target in counted:
         converted = any(isinstance(one, Data) and one.convert is not None for one in target.segments)
@@ -133,7 +133,7 @@ class CountKind(CountedKind[Count]):
     model = Count
     may_be_absent = True
 
-    def compare(self, r: BufferReader, item: Item, segment: Count) -> None:
+    def compare(self, r: BufferReader, item: ScopedSegment, segment: Count) -> None:
         """Defer the comparison of a count with its list, unless the number of items follows from the count."""
         absent = absent_behind(segment, r.function)
         if absent is None:
@@ -151,7 +151,7 @@ class CountKind(CountedKind[Count]):
         absent = absent_behind(segment, d)
         return None if absent is None else f"len(n[{quoted(segment.of)}]{absent})"
 
-    def tasks(self, w: EncodeWriter, segment: Count, scope: Scope, given: Given) -> list[Task]:
+    def tasks(self, w: EncodeWriter, segment: Count, scope: FieldScope, given: ConsumedValues) -> list[Task]:
         waits = {segment.of} | w.size_waits(segment)
         return [Task((segment.name,), waits, lambda _: _put_count(w, segment, scope, given))]
 
@@ -159,13 +159,13 @@ class CountKind(CountedKind[Count]):
         return f"{segment.name} {type_text(segment.type)} = number of {segment.of}"
 
 
-def _put_count(w: EncodeWriter, count: Count, scope: Scope, given: Given) -> None:
+def _put_count(w: EncodeWriter, count: Count, scope: FieldScope, given: ConsumedValues) -> None:
     items = scope.find(count.of)  # None: the list is part of a case or an `optional`
     text = f"{given.text}.get({quoted(count.of)})" if items is None else items.text
     _put_number(w, count, w.count_of(text if text.isidentifier() else f"{text} or ()"), scope, given)
 
 
-def _put_number(w: EncodeWriter, number: Length | Count, text: str, scope: Scope, given: Given) -> None:
+def _put_number(w: EncodeWriter, number: Length | Count, text: str, scope: FieldScope, given: ConsumedValues) -> None:
     local = w.names.fresh(number.name)
     w.add(f"{local} = {text}{forms.plus_text(number.plus)}")
     shown = w.or_nothing(number.name, local, number.when, scope)
@@ -197,7 +197,7 @@ def absent_behind(count: Count, writer: FunctionWriter) -> str | None:
     return "" if there else " or ()"
 
 
-def _diagnose(d: DiagnosisWriter, segment: Length | Count, scope: Scope, wanted: str | None) -> None:
+def _diagnose(d: DiagnosisWriter, segment: Length | Count, scope: FieldScope, wanted: str | None) -> None:
     limits = "" if segment.limits is None else f", limits={literal(segment.limits)}"
     name = quoted(segment.name)
     size = d.ask(segment.type.size if segment.type.size is not None else 0, scope)

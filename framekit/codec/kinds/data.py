@@ -5,12 +5,12 @@ from __future__ import annotations
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
-from framekit.codec.python.encode import EncodeWriter, Given
+from framekit.codec.python.encode import ConsumedValues, EncodeWriter
 from framekit.codec.python.encode_plan import Lengths, PackArgument, Rules, RuleWriter, Task
-from framekit.codec.python.expressions import NameEntry, Scope
+from framekit.codec.python.expressions import FieldScope, NameEntry
 from framekit.codec.python.function import between
 from framekit.codec.python.measure import MeasureWriter, Pairs
-from framekit.codec.python.reader import BufferReader, Item, Slot
+from framekit.codec.python.reader import BufferReader, ScopedSegment, Slot
 from framekit.codec.python.source import bytes_literal, quoted
 from framekit.definition.expression import AND, OR, PRODUCT, Expression
 from framekit.definition.model.segments import Data
@@ -23,7 +23,7 @@ class DataKind(SegmentKind[Data]):
     def struct_order(self, segment: Data) -> str | None:
         return "" if isinstance(segment.size, int) else None
 
-    def slot(self, r: BufferReader, item: Item, segment: Data, size: int) -> Slot:
+    def slot(self, r: BufferReader, item: ScopedSegment, segment: Data, size: int) -> Slot:
         return Slot(item, size, f"{size}s", "", r.function.local(segment.name, item.scope))
 
     def unpacked(self, r: BufferReader, slot: Slot, segment: Data, source: str, converted: bool) -> None:
@@ -35,7 +35,7 @@ class DataKind(SegmentKind[Data]):
         if segment.never:
             r.function.mismatch_if(forms.holds_never(segment, local))
 
-    def read(self, r: BufferReader, item: Item, segment: Data, after: tuple[Item, ...]) -> None:
+    def read(self, r: BufferReader, item: ScopedSegment, segment: Data, after: tuple[ScopedSegment, ...]) -> None:
         if segment.size == "rest":
             first, last = r.take_rest(item, after)
         elif isinstance(segment.size, int):
@@ -56,7 +56,7 @@ class DataKind(SegmentKind[Data]):
         if segment.never:
             r.function.mismatch_if(forms.holds_never(segment, local))
 
-    def tasks(self, w: EncodeWriter, segment: Data, scope: Scope, given: Given) -> list[Task]:
+    def tasks(self, w: EncodeWriter, segment: Data, scope: FieldScope, given: ConsumedValues) -> list[Task]:
         filled = segment.size if w.fills_up(segment) and isinstance(segment.size, Expression) else None
         tasks = [Task((segment.name,), w.waits(segment.when, filled), lambda _: _put(w, segment, scope, given))]
         if isinstance(segment.size, Expression) and w.size_by_length(segment) is None:
@@ -64,22 +64,22 @@ class DataKind(SegmentKind[Data]):
             tasks.append(Task((), waits, lambda _: _compare_size(w, segment, scope, given)))
         return tasks
 
-    def argument(self, w: EncodeWriter, segment: Data, scope: Scope, size: int) -> PackArgument:
+    def argument(self, w: EncodeWriter, segment: Data, scope: FieldScope, size: int) -> PackArgument:
         return PackArgument(f"{size}s", "", w.data_text(segment, scope))
 
-    def bytes_text(self, w: EncodeWriter, segment: Data, scope: Scope) -> str:
+    def bytes_text(self, w: EncodeWriter, segment: Data, scope: FieldScope) -> str:
         return w.data_text(segment, scope)
 
     def room_waits(self, w: EncodeWriter, segment: Data) -> set[str]:
         return {segment.name}
 
-    def room(self, w: EncodeWriter, segment: Data, scope: Scope, plain: bool) -> str | None:
+    def room(self, w: EncodeWriter, segment: Data, scope: FieldScope, plain: bool) -> str | None:
         text = f"len({w.local_of(segment, scope)})"
         if not plain and segment.convert is not None:
             text = f"2 * {text}" if segment.convert == "hex_to_ascii" else f"{text} // 2"
         return text
 
-    def diagnose(self, d: DiagnosisWriter, segment: Data, scope: Scope, behind: Behind) -> None:
+    def diagnose(self, d: DiagnosisWriter, segment: Data, scope: FieldScope, behind: Behind) -> None:
         factor = {"hex_to_ascii": " * 2", "ascii_to_hex": " // 2", None: ""}[segment.convert]
         options = d.refuse(segment)
         if segment.size == "rest" and (bytes_behind := d.behind(behind)) != "0":
@@ -91,7 +91,7 @@ class DataKind(SegmentKind[Data]):
         parse = f"lambda raw: {forms.memory_text(d.module, segment, 'raw')}"
         d.out.add(f"n.data_field({quoted(segment.name)}, {d.ask(segment.size, scope, factor)}, {parse}{options})")
 
-    def measure(self, m: MeasureWriter, segment: Data, scope: Scope, after: Pairs) -> None:
+    def measure(self, m: MeasureWriter, segment: Data, scope: FieldScope, after: Pairs) -> None:
         if segment.size == "rest":
             m.rest(segment, after)
         elif isinstance(segment.size, int):
@@ -125,7 +125,7 @@ def _range_of(data: Data, lengths: Lengths) -> forms.Range:
     return forms.Range(max(data.least, limits.least or 0) or None, limits.most)
 
 
-def _put(w: EncodeWriter, data: Data, scope: Scope, given: Given) -> None:
+def _put(w: EncodeWriter, data: Data, scope: FieldScope, given: ConsumedValues) -> None:
     local = w.local(data.name, given)
     key = given.value(data.name) if data.pad is None else given.value_or(data.name, 'b""')
     if data.when is not None and data.pad is None:
@@ -149,7 +149,7 @@ def _put(w: EncodeWriter, data: Data, scope: Scope, given: Given) -> None:
     scope.entries[data.name] = NameEntry(w.or_nothing(data.name, local, data.when, scope))
 
 
-def _fill_up(w: EncodeWriter, data: Data, local: str, scope: Scope) -> None:
+def _fill_up(w: EncodeWriter, data: Data, local: str, scope: FieldScope) -> None:
     """Write the padding of short data to their full size, before their length is used."""
     assert data.pad is not None and isinstance(data.size, (int, Expression))
     if isinstance(data.size, Expression):
@@ -159,6 +159,6 @@ def _fill_up(w: EncodeWriter, data: Data, local: str, scope: Scope) -> None:
     w.add_if(conditions, f"{local} = {local}.ljust({size}, {bytes_literal(bytes((data.pad,)))})")
 
 
-def _compare_size(w: EncodeWriter, data: Data, scope: Scope, given: Given) -> None:
+def _compare_size(w: EncodeWriter, data: Data, scope: FieldScope, given: ConsumedValues) -> None:
     assert isinstance(data.size, Expression)
     w.sized_as_told(data, data.name, data.size, scope, given)

@@ -5,12 +5,12 @@ from __future__ import annotations
 from framekit.codec.kinds.base import TypedValueKind
 from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
-from framekit.codec.python.encode import EncodeWriter, Given
+from framekit.codec.python.encode import ConsumedValues, EncodeWriter
 from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
-from framekit.codec.python.expressions import NameEntry, Scope, constant_of, default_text
+from framekit.codec.python.expressions import FieldScope, NameEntry, constant_of, default_text
 from framekit.codec.python.facts import is_fixed
 from framekit.codec.python.function import Offset, between, index
-from framekit.codec.python.reader import BufferReader, Item
+from framekit.codec.python.reader import BufferReader, ScopedSegment
 from framekit.codec.python.registry import type_text
 from framekit.codec.python.source import bytes_literal, literal, quoted
 from framekit.codec.support import build_int
@@ -28,16 +28,16 @@ class FieldKind(TypedValueKind[Field]):
     def struct_order(self, segment: Field) -> str | None:
         return super().struct_order(segment) if segment.long is None else None
 
-    def must_hold(self, r: BufferReader, item: Item, segment: Field, local: str) -> None:
+    def must_hold(self, r: BufferReader, item: ScopedSegment, segment: Field, local: str) -> None:
         r.validate_field(item, segment, local)
 
-    def read(self, r: BufferReader, item: Item, segment: Field, after: tuple[Item, ...]) -> None:
+    def read(self, r: BufferReader, item: ScopedSegment, segment: Field, after: tuple[ScopedSegment, ...]) -> None:
         if segment.long is None:
             _read_sized(r, item, segment, after)
         else:
             _read_long(r, item, segment, segment.long)
 
-    def tasks(self, w: EncodeWriter, segment: Field, scope: Scope, given: Given) -> list[Task]:
+    def tasks(self, w: EncodeWriter, segment: Field, scope: FieldScope, given: ConsumedValues) -> list[Task]:
         needed = segment.build is None and segment.default is None and segment.is_ is None and segment.constants is None
         waits = w.waits(segment.is_ or segment.build or segment.default)
         if segment.default is None or segment.build is not None or segment.constants is not None:
@@ -63,7 +63,7 @@ class FieldKind(TypedValueKind[Field]):
             )
         return tasks
 
-    def bytes_text(self, w: EncodeWriter, segment: Field, scope: Scope) -> str:
+    def bytes_text(self, w: EncodeWriter, segment: Field, scope: FieldScope) -> str:
         if segment.long is not None:
             return _long_bytes(w, segment, segment.long, scope)
         size = segment.type.size
@@ -79,7 +79,7 @@ class FieldKind(TypedValueKind[Field]):
     def room_waits(self, w: EncodeWriter, segment: Field) -> set[str]:
         return {segment.name} | super().room_waits(w, segment)
 
-    def room(self, w: EncodeWriter, segment: Field, scope: Scope, plain: bool) -> str | None:
+    def room(self, w: EncodeWriter, segment: Field, scope: FieldScope, plain: bool) -> str | None:
         local = w.local_of(segment, scope)
         if segment.long is not None:
             short, longer = segment.type.fixed_size or 1, segment.long.type.fixed_size or 0
@@ -94,7 +94,7 @@ class FieldKind(TypedValueKind[Field]):
             text += f" + {len(segment.type.end)}"
         return text
 
-    def diagnose(self, d: DiagnosisWriter, segment: Field, scope: Scope, behind: Behind) -> None:
+    def diagnose(self, d: DiagnosisWriter, segment: Field, scope: FieldScope, behind: Behind) -> None:
         name, type_ = quoted(segment.name), segment.type
         behind_it = f"{d.refuse(segment)}{_rules(segment)})"
         if segment.long is not None:
@@ -155,7 +155,9 @@ def _constant(value: int | str | bytes) -> str:
     return value.hex(" ").upper() if isinstance(value, bytes) else str(value)
 
 
-def _value(w: EncodeWriter, item: Field, scope: Scope, given: Given, needed: bool, missing: set[str]) -> None:
+def _value(
+    w: EncodeWriter, item: Field, scope: FieldScope, given: ConsumedValues, needed: bool, missing: set[str]
+) -> None:
     local = w.local(item.name, given)
     sized = item.type.kind in ("ascii", "bytes")
     entry = NameEntry(local, sized=sized, wire=None)
@@ -181,7 +183,9 @@ def _value(w: EncodeWriter, item: Field, scope: Scope, given: Given, needed: boo
         entry.wire = w.room((item.path,), scope)
 
 
-def _given(w: EncodeWriter, item: Field, scope: Scope, given: Given, needed: bool, missing: set[str]) -> str:
+def _given(
+    w: EncodeWriter, item: Field, scope: FieldScope, given: ConsumedValues, needed: bool, missing: set[str]
+) -> str:
     """Return the source of a value that the caller gives, that is built, or that has a default."""
     if needed:
         if item.when is None:
@@ -202,7 +206,7 @@ def _given(w: EncodeWriter, item: Field, scope: Scope, given: Given, needed: boo
     return given.value_or_worked_out(item.name, text)
 
 
-def _validate(w: EncodeWriter, item: Field, scope: Scope, local: str) -> None:
+def _validate(w: EncodeWriter, item: Field, scope: FieldScope, local: str) -> None:
     """Write the checks of a value that was given or built."""
     if item.values is not None and item.only and item.constants is None:
         w.refuse(item, scope, f"{local} not in {w.module.value_names(item.values, item.name)}")
@@ -221,7 +225,7 @@ def _validate(w: EncodeWriter, item: Field, scope: Scope, local: str) -> None:
         w.refuse(item, scope, f"{local} % {item.unit:_}")
 
 
-def _validate_text(w: EncodeWriter, item: Field, scope: Scope, local: str) -> None:
+def _validate_text(w: EncodeWriter, item: Field, scope: FieldScope, local: str) -> None:
     size = item.type.size
     if isinstance(size, int):
         exact = item.type.kind == "bytes" or (item.type.pad is None and item.type.end is None)
@@ -231,7 +235,7 @@ def _validate_text(w: EncodeWriter, item: Field, scope: Scope, local: str) -> No
         w.complain_where(item.when, scope, condition, quoted(item.name), quoted(f"'{item.name}' holds its own end"))
 
 
-def _long_bytes(w: EncodeWriter, field: Field, long: Long, scope: Scope) -> str:
+def _long_bytes(w: EncodeWriter, field: Field, long: Long, scope: FieldScope) -> str:
     wire = w.wire(field, scope)
     short = forms.build(w.module, field.type, wire, str(field.type.fixed_size))
     if field.type.fixed_size == 1 and field.type.kind == "int" and not field.type.signed:
@@ -249,7 +253,7 @@ def _mark(w: EncodeWriter, type_: FieldType, mark: int) -> str:
     return forms.build(w.module, type_, str(mark), str(size))
 
 
-def _read_sized(r: BufferReader, item: Item, segment: Field, after: tuple[Item, ...]) -> None:
+def _read_sized(r: BufferReader, item: ScopedSegment, segment: Field, after: tuple[ScopedSegment, ...]) -> None:
     """Write the reading of a field with computed size, with an end mark, or that takes all remaining bytes."""
     type_, local = segment.type, r.function.local(segment.name, item.scope)
     if isinstance(type_.size, Expression):
@@ -268,7 +272,7 @@ def _read_sized(r: BufferReader, item: Item, segment: Field, after: tuple[Item, 
     r.validate_field(item, segment, local)
 
 
-def _until_end(r: BufferReader, item: Item, field: Field) -> tuple[Offset, Offset]:
+def _until_end(r: BufferReader, item: ScopedSegment, field: Field) -> tuple[Offset, Offset]:
     stop = r.function.names.fresh(f"{field.name}_end")
     first = r.keep(r.place)
     r.function.add(f"{stop} = {forms.find_end(r.module, field.type, r.buffer, first.text(r.buffer))}")
@@ -277,7 +281,7 @@ def _until_end(r: BufferReader, item: Item, field: Field) -> tuple[Offset, Offse
     return first, Offset(stop, 0)
 
 
-def _read_long(r: BufferReader, item: Item, field: Field, long: Long) -> None:
+def _read_long(r: BufferReader, item: ScopedSegment, field: Field, long: Long) -> None:
     """Write the reading of a number that continues in a longer number if its short form equals the mark."""
     local = r.function.local(field.name, item.scope)
     short, longer = field.type.fixed_size or 1, long.type.fixed_size or 0

@@ -8,14 +8,14 @@ from framekit.codec.kinds.base import SegmentKind, careful_entry
 from framekit.codec.python import forms
 from framekit.codec.python.choices import Switch, in_order, tree_of
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
-from framekit.codec.python.encode import EncodeWriter, Given
+from framekit.codec.python.encode import ConsumedValues, EncodeWriter
 from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
-from framekit.codec.python.expressions import NameEntry, Scope
+from framekit.codec.python.expressions import FieldScope, NameEntry
 from framekit.codec.python.facts import begins_with_constants, only_measured
 from framekit.codec.python.function import MISMATCH, Function, between
 from framekit.codec.python.measure import MeasureWriter, Pairs
 from framekit.codec.python.module import Module
-from framekit.codec.python.reader import BufferReader, Item, holds_values
+from framekit.codec.python.reader import BufferReader, ScopedSegment, holds_values
 from framekit.codec.python.source import quoted
 from framekit.definition.expression import AND, Expression
 from framekit.definition.model.frames import everything
@@ -27,7 +27,7 @@ F = TypeVar("F", Inner, Nested)
 class FrameInside(SegmentKind[F]):
     """Implement the common part of both kinds of inner frames: the value is a mapping that must be given."""
 
-    def declare(self, d: DiagnosisWriter, segment: F, scope: Scope) -> None:
+    def declare(self, d: DiagnosisWriter, segment: F, scope: FieldScope) -> None:
         scope.entries[segment.name] = careful_entry(segment, "inner", sized=False)
 
     def rules(self, w: RuleWriter, segment: F, always: bool, lengths: Lengths) -> Rules:
@@ -37,7 +37,7 @@ class FrameInside(SegmentKind[F]):
 class InnerKind(FrameInside[Inner]):
     model = Inner
 
-    def read(self, r: BufferReader, item: Item, segment: Inner, after: tuple[Item, ...]) -> None:
+    def read(self, r: BufferReader, item: ScopedSegment, segment: Inner, after: tuple[ScopedSegment, ...]) -> None:
         function = r.function
         local = function.local(segment.name, item.scope)
         choice = r.module.choice(segment.frames, function.title, segment.name)
@@ -67,7 +67,7 @@ class InnerKind(FrameInside[Inner]):
             _first_that_fits(r, segment, local, choice, region)
         r.declare(item, segment.name, local, "inner", sized=False, wire=function.wire_size(segment.path))
 
-    def tasks(self, w: EncodeWriter, segment: Inner, scope: Scope, given: Given) -> list[Task]:
+    def tasks(self, w: EncodeWriter, segment: Inner, scope: FieldScope, given: ConsumedValues) -> list[Task]:
         name, waits = segment.name, w.waits(segment.when)
         tasks = [Task((name,), waits, lambda _: w.plain_given(segment, scope, given))]
         fixed = isinstance(segment.size, int) and any(
@@ -82,7 +82,7 @@ class InnerKind(FrameInside[Inner]):
             tasks.append(Task((), waits, lambda _: _compare_size(w, segment, scope)))
         return tasks
 
-    def bytes_text(self, w: EncodeWriter, segment: Inner, scope: Scope) -> str:
+    def bytes_text(self, w: EncodeWriter, segment: Inner, scope: FieldScope) -> str:
         name, value = segment.name, scope.entries[segment.name].text
         choice, encode = w.module.choice(segment.frames, w.title, name), w.module.function("encode_one")
         if segment.when is not None:
@@ -96,7 +96,7 @@ class InnerKind(FrameInside[Inner]):
             w.add(f"{wire} = {encode}({choice}, {value}, {quoted(name)}, ctx)")
         return wire
 
-    def diagnose(self, d: DiagnosisWriter, segment: Inner, scope: Scope, behind: Behind) -> None:
+    def diagnose(self, d: DiagnosisWriter, segment: Inner, scope: FieldScope, behind: Behind) -> None:
         choice = d.module.choice(segment.frames, "frames_of", segment.name)
         fixed = d.static.present(segment).fixed
         option = ""
@@ -112,7 +112,7 @@ class InnerKind(FrameInside[Inner]):
             option = ", found=True"
         d.out.add(f"n.inner({quoted(segment.name)}, {size}, {choice}{option})")
 
-    def measure(self, m: MeasureWriter, segment: Inner, scope: Scope, after: Pairs) -> None:
+    def measure(self, m: MeasureWriter, segment: Inner, scope: FieldScope, after: Pairs) -> None:
         fixed = m.static.present(segment).fixed
         if isinstance(segment.size, Expression):
             told = m.size_text(segment.size, scope)
@@ -154,13 +154,13 @@ class InnerKind(FrameInside[Inner]):
         return f"{segment.name} (one of {shown})" if len(segment.frames) > 1 else f"{segment.name} ({shown})"
 
 
-def _has_size(m: MeasureWriter, segment: Inner | Nested, scope: Scope, size: str) -> None:
+def _has_size(m: MeasureWriter, segment: Inner | Nested, scope: FieldScope, size: str) -> None:
     """Declare the name of an inner frame of which only the size is known while measuring."""
     if segment.name in only_measured(m.segments):
         scope.entries[segment.name] = NameEntry("None", "inner", sized=False, wire=size)
 
 
-def _compare_size(w: EncodeWriter, inner: Inner, scope: Scope) -> None:
+def _compare_size(w: EncodeWriter, inner: Inner, scope: FieldScope) -> None:
     """Write the comparison of the size of an inner frame with the size that other values state."""
     if isinstance(inner.size, Expression):
         size, conditions = w.text(inner.size, scope), w.is_known(inner.when, inner.size, scope)
@@ -201,7 +201,7 @@ def _first_that_fits(r: BufferReader, inner: Inner, local: str, choice: str, raw
 class NestedKind(FrameInside[Nested]):
     model = Nested
 
-    def read(self, r: BufferReader, item: Item, segment: Nested, after: tuple[Item, ...]) -> None:
+    def read(self, r: BufferReader, item: ScopedSegment, segment: Nested, after: tuple[ScopedSegment, ...]) -> None:
         function = r.function
         local = function.local(segment.name, item.scope)
         level, fixed = _level(r.module, segment, function.title), r.static.present(segment).fixed
@@ -218,7 +218,7 @@ class NestedKind(FrameInside[Nested]):
         function.add(f"{local} = {level}.decode({between(r.buffer, first, last)}, ctx)")
         r.declare(item, segment.name, local, "inner", sized=False, wire=function.wire_size(segment.path))
 
-    def tasks(self, w: EncodeWriter, segment: Nested, scope: Scope, given: Given) -> list[Task]:
+    def tasks(self, w: EncodeWriter, segment: Nested, scope: FieldScope, given: ConsumedValues) -> list[Task]:
         name, waits = segment.name, w.waits(segment.when)
         tasks = [Task((name,), waits, lambda _: w.plain_given(segment, scope, given))]
         if segment.path in w.asked_for:
@@ -227,17 +227,17 @@ class NestedKind(FrameInside[Nested]):
             )
         return tasks
 
-    def bytes_text(self, w: EncodeWriter, segment: Nested, scope: Scope) -> str:
+    def bytes_text(self, w: EncodeWriter, segment: Nested, scope: FieldScope) -> str:
         level, encode = _level(w.module, segment, w.title), w.module.function("encode_nested")
         value = scope.entries[segment.name].text
         text = f"{encode}({level}, {value}, {quoted(segment.name)}, ctx)"
         return w.if_present(segment, scope, text, 'b""')
 
-    def diagnose(self, d: DiagnosisWriter, segment: Nested, scope: Scope, behind: Behind) -> None:
+    def diagnose(self, d: DiagnosisWriter, segment: Nested, scope: FieldScope, behind: Behind) -> None:
         level = _level(d.module, segment, "frames_of")
         d.out.add(f"n.nested({quoted(segment.name)}, {level})")
 
-    def measure(self, m: MeasureWriter, segment: Nested, scope: Scope, after: Pairs) -> None:
+    def measure(self, m: MeasureWriter, segment: Nested, scope: FieldScope, after: Pairs) -> None:
         fixed = m.static.present(segment).fixed
         if fixed is not None:
             m.skip(str(fixed))

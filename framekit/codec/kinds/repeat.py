@@ -11,13 +11,13 @@ from dataclasses import replace
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python import forms
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter, inside_of
-from framekit.codec.python.encode import EncodeWriter, Given
+from framekit.codec.python.encode import ConsumedValues, EncodeWriter
 from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
-from framekit.codec.python.expressions import Kind, NameEntry, Scope
+from framekit.codec.python.expressions import FieldScope, Kind, NameEntry
 from framekit.codec.python.facts import is_name, is_plain_name, may_be_empty
 from framekit.codec.python.function import Fields, Offset, between
 from framekit.codec.python.measure import Finished, MeasureWriter, Pairs
-from framekit.codec.python.reader import BufferReader, Item, without_end
+from framekit.codec.python.reader import BufferReader, ScopedSegment, without_end
 from framekit.codec.python.registry import summary, type_text
 from framekit.codec.python.source import Code, Source, bytes_literal, quoted, text_source
 from framekit.definition.expression import BIT_OR, PRODUCT, Binary, Expression, Number
@@ -48,13 +48,13 @@ class RepeatKind(SegmentKind[Repeat]):
     def is_plain(self, segment: Repeat) -> bool:
         return isinstance(segment.of, FieldType)
 
-    def read(self, r: BufferReader, item: Item, segment: Repeat, after: tuple[Item, ...]) -> None:
+    def read(self, r: BufferReader, item: ScopedSegment, segment: Repeat, after: tuple[ScopedSegment, ...]) -> None:
         if isinstance(segment.of, FieldType):
             _read_values(r, item, segment, segment.of, after)
         else:
             _read_records(r, item, segment, segment.of, after)
 
-    def tasks(self, w: EncodeWriter, segment: Repeat, scope: Scope, given: Given) -> list[Task]:
+    def tasks(self, w: EncodeWriter, segment: Repeat, scope: FieldScope, given: ConsumedValues) -> list[Task]:
         name = segment.name
         tasks = [Task((name,), w.waits(segment.when), lambda _: _put(w, segment, scope, given))]
         if isinstance(segment.of, tuple):
@@ -66,25 +66,25 @@ class RepeatKind(SegmentKind[Repeat]):
             tasks.append(Task((), waits, lambda _: _compare_times(w, segment, scope, given)))
         return tasks
 
-    def bytes_text(self, w: EncodeWriter, segment: Repeat, scope: Scope) -> str:
+    def bytes_text(self, w: EncodeWriter, segment: Repeat, scope: FieldScope) -> str:
         assert isinstance(segment.of, FieldType)
         return _list_bytes(w, segment.of, scope.entries[segment.name].text)
 
     def room_waits(self, w: EncodeWriter, segment: Repeat) -> set[str]:
         return {segment.name} if isinstance(segment.of, FieldType) else super().room_waits(w, segment)
 
-    def room(self, w: EncodeWriter, segment: Repeat, scope: Scope, plain: bool) -> str | None:
+    def room(self, w: EncodeWriter, segment: Repeat, scope: FieldScope, plain: bool) -> str | None:
         if not isinstance(segment.of, FieldType):
             return None
         count = w.count_of(w.local_of(segment, scope))
         return count if segment.of.fixed_size == 1 else f"{segment.of.fixed_size} * {count}"
 
-    def declare(self, d: DiagnosisWriter, segment: Repeat, scope: Scope) -> None:
-        inside = Scope(scope)
+    def declare(self, d: DiagnosisWriter, segment: Repeat, scope: FieldScope) -> None:
+        inside = FieldScope(scope)
         d.declare(segment.inner_record or (), inside)
         scope.entries[segment.name] = NameEntry(f"n[{quoted(segment.name)}]", "list", inside)
 
-    def diagnose(self, d: DiagnosisWriter, segment: Repeat, scope: Scope, behind: Behind) -> None:
+    def diagnose(self, d: DiagnosisWriter, segment: Repeat, scope: FieldScope, behind: Behind) -> None:
         name = quoted(segment.name)
         times = "None" if segment.times is None else d.ask(segment.times, scope)
         option = d.behind_option(segment.times == "rest", behind)
@@ -107,7 +107,7 @@ class RepeatKind(SegmentKind[Repeat]):
             d.list(segment.of, inside, ())
             d.in_item = outside
 
-    def measure(self, m: MeasureWriter, segment: Repeat, scope: Scope, after: Pairs) -> None:
+    def measure(self, m: MeasureWriter, segment: Repeat, scope: FieldScope, after: Pairs) -> None:
         item = segment.of.sizes if isinstance(segment.of, FieldType) else m.static.all(segment.of)
         if segment.times == "rest":
             m.rest(segment, after)
@@ -123,7 +123,7 @@ class RepeatKind(SegmentKind[Repeat]):
             place = m.names.fresh("place")
             one = m.wire(segment.of, Offset(place, 0), Offset(place, size))
             local = m.set_value(segment.name, scope, f"[{one} for {place} in range(at, stop, {size})]")
-            scope.entries[segment.name] = NameEntry(local, "list", Scope())
+            scope.entries[segment.name] = NameEntry(local, "list", FieldScope())
             m.advance("stop")
         else:
             _measure_records(m, segment, segment.of, scope, times, after)
@@ -147,7 +147,7 @@ class RepeatKind(SegmentKind[Repeat]):
 class ItemEndKind(SegmentKind[ItemEnd]):
     model = ItemEnd
 
-    def read(self, r: BufferReader, item: Item, segment: ItemEnd, after: tuple[Item, ...]) -> None:
+    def read(self, r: BufferReader, item: ScopedSegment, segment: ItemEnd, after: tuple[ScopedSegment, ...]) -> None:
         function = r.function
         last = function.names.fresh("is_last")
         if segment.until is None:
@@ -157,18 +157,18 @@ class ItemEndKind(SegmentKind[ItemEnd]):
             function.add(f"{last} = {function.writer(item.scope).text(segment.until)}")
         item.scope.entries[LAST] = NameEntry(last)
 
-    def tasks(self, w: EncodeWriter, segment: ItemEnd, scope: Scope, given: Given) -> list[Task]:
+    def tasks(self, w: EncodeWriter, segment: ItemEnd, scope: FieldScope, given: ConsumedValues) -> list[Task]:
         if segment.until is None:
             return []
         until = segment.until
         return [Task((), w.waits(until), lambda _: _end_as_told(w, until, scope, given))]
 
-    def diagnose(self, d: DiagnosisWriter, segment: ItemEnd, scope: Scope, behind: Behind) -> None:
+    def diagnose(self, d: DiagnosisWriter, segment: ItemEnd, scope: FieldScope, behind: Behind) -> None:
         if segment.until is not None:
             item = scope.entries[LAST].text.partition(".")[0]
             d.out.add(f"n.ends({item}, lambda n: {d.writer(scope).text(segment.until)})")
 
-    def measure(self, m: MeasureWriter, segment: ItemEnd, scope: Scope, after: Pairs) -> None:
+    def measure(self, m: MeasureWriter, segment: ItemEnd, scope: FieldScope, after: Pairs) -> None:
         if segment.until is not None:
             m.item_ends = m.text(segment.until, scope)
 
@@ -186,9 +186,9 @@ def _word_entry(word: str, text: str, repeat: Repeat) -> NameEntry:
     return NameEntry(text)
 
 
-def _names_of_record(segments: Segments) -> Scope:
+def _names_of_record(segments: Segments) -> FieldScope:
     """Return a scope with the names of a record that is held as one value."""
-    found = Scope()
+    found = FieldScope()
     for one in flat(segments):
         inside = _names_of_record(one.members) if one.inner_record is not None else None
         kind: Kind = "list" if one.is_list else "record" if one.is_record else "value"
@@ -197,7 +197,7 @@ def _names_of_record(segments: Segments) -> Scope:
     return found
 
 
-def _end_as_told(w: EncodeWriter, until: Expression, scope: Scope, given: Given) -> None:
+def _end_as_told(w: EncodeWriter, until: Expression, scope: FieldScope, given: ConsumedValues) -> None:
     where = (*given.path[:-1], "]")
     message = text_source("'", *where, f"': {until} must hold in the last item and in no other")
     w.complain(f"bool({w.text(until, scope)}) is not {scope.entries[LAST].text}", text_source(*where), message)
@@ -218,7 +218,7 @@ def _rule(w: RuleWriter, repeat: Repeat, always: bool, lengths: Lengths) -> str:
     return w.rule("list", limits, always, inside=w.mapping(repeat.members))
 
 
-def _put(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) -> None:
+def _put(w: EncodeWriter, repeat: Repeat, scope: FieldScope, given: ConsumedValues) -> None:
     w.plain_given(repeat, scope, given)
     local = scope.entries[repeat.name].text
     w.refuse_if(f"not isinstance({local}, (list, tuple))")
@@ -261,7 +261,7 @@ def _is_told_by(repeat: Repeat, number: Count | Length) -> bool:
     return number.unit == size and is_name(root, number.name)
 
 
-def _compare_times(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) -> None:
+def _compare_times(w: EncodeWriter, repeat: Repeat, scope: FieldScope, given: ConsumedValues) -> None:
     """Write the comparison of the number of items with the number that other values state."""
     assert isinstance(repeat.times, Expression)
     found = w.count_of(scope.entries[repeat.name].text)
@@ -270,20 +270,20 @@ def _compare_times(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) 
     w.compare_size((*given.path, repeat.name), found, w.text(repeat.times, scope), conditions)
 
 
-def _item_scope(scope: Scope, name: str, items: str, of: Segments = ()) -> Scope:
+def _item_scope(scope: FieldScope, name: str, items: str, of: Segments = ()) -> FieldScope:
     """Return the scope of an item, inside a scope that holds the list.
 
     So a list of the same name in the item is a separate entry. `items`: the local with the previous items, if
     expressions may read them.
     """
-    around = Scope(scope)
-    inside = Scope(around, of)
+    around = FieldScope(scope)
+    inside = FieldScope(around, of)
     if items:
         around.entries[name] = NameEntry(items, "list", inside)
     return inside
 
 
-def _put_records(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) -> None:
+def _put_records(w: EncodeWriter, repeat: Repeat, scope: FieldScope, given: ConsumedValues) -> None:
     """Write the loop that validates and packs the records of a list."""
     assert isinstance(repeat.of, tuple)
     items = scope.entries[repeat.name].text
@@ -299,7 +299,7 @@ def _put_records(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) ->
     inside = _item_scope(scope, repeat.name, complete)
     place = w.names.fresh("place")
     path = (*given.path, f"{repeat.name}[", Code(place), "].")
-    inner = Given(item, f"{given.rules}[{quoted(repeat.name)}].inside", path)
+    inner = ConsumedValues(item, f"{given.rules}[{quoted(repeat.name)}].inside", path)
     before = w.names.fresh("before") if may_be_empty(w.static, repeat) else ""
     if repeat.until is not None:
         where = *given.path, repeat.name
@@ -338,7 +338,7 @@ def _put_records(w: EncodeWriter, repeat: Repeat, scope: Scope, given: Given) ->
     scope.entries[repeat.name] = NameEntry(text, "list", inside)
 
 
-def _values_text(segments: Segments, scope: Scope) -> str:
+def _values_text(segments: Segments, scope: FieldScope) -> str:
     """Return the source of a mapping with the values of a record and of its inner records, computed values too."""
     texts: dict[str, str] = {}
     for one in flat(segments):
@@ -371,7 +371,9 @@ def _list_bytes(w: EncodeWriter, of: FieldType, local: str) -> str:
     return f'b"".join([{one} for value in {local}])'
 
 
-def _read_values(r: BufferReader, item: Item, repeat: Repeat, of: FieldType, after: tuple[Item, ...]) -> None:
+def _read_values(
+    r: BufferReader, item: ScopedSegment, repeat: Repeat, of: FieldType, after: tuple[ScopedSegment, ...]
+) -> None:
     """Write the reading of a list of plain values."""
     size = of.fixed_size
     if size is None:
@@ -419,7 +421,7 @@ def _list_text(r: BufferReader, of: FieldType, size: int, first: Offset, last: O
     return f"list({constant}[{count}].unpack_from({r.buffer}{behind}))"
 
 
-def _count(r: BufferReader, item: Item, times: Size | None) -> str:
+def _count(r: BufferReader, item: ScopedSegment, times: Size | None) -> str:
     """Return the number of repetitions as a number or a local."""
     if isinstance(times, int):
         return str(times)
@@ -432,7 +434,9 @@ def _count(r: BufferReader, item: Item, times: Size | None) -> str:
     return local
 
 
-def _read_records(r: BufferReader, item: Item, repeat: Repeat, of: Segments, after: tuple[Item, ...]) -> None:
+def _read_records(
+    r: BufferReader, item: ScopedSegment, repeat: Repeat, of: Segments, after: tuple[ScopedSegment, ...]
+) -> None:
     """Write the loop that reads a list of records."""
     function = r.function
     fields = Fields(function.names.fresh("item"))
@@ -503,7 +507,7 @@ def _read_records(r: BufferReader, item: Item, repeat: Repeat, of: Segments, aft
 
 
 def _words_of_item(
-    r: BufferReader, repeat: Repeat, words: list[str], found: str, count: str | None, inside: Scope
+    r: BufferReader, repeat: Repeat, words: list[str], found: str, count: str | None, inside: FieldScope
 ) -> None:
     """Write the locals of the item words that are known before the item is read."""
     for word in words:
@@ -518,7 +522,7 @@ def _words_of_item(
         inside.entries[word] = _word_entry(word, local, repeat)
 
 
-def _region_limit(r: BufferReader, after: tuple[Item, ...]) -> str:
+def _region_limit(r: BufferReader, after: tuple[ScopedSegment, ...]) -> str:
     """Return a local that holds the offset of the next segment."""
     end = r.region_end(after)
     if end.base != "end":
@@ -528,7 +532,9 @@ def _region_limit(r: BufferReader, after: tuple[Item, ...]) -> str:
     return local
 
 
-def _measure_records(m: MeasureWriter, repeat: Repeat, of: Segments, scope: Scope, times: str, after: Pairs) -> None:
+def _measure_records(
+    m: MeasureWriter, repeat: Repeat, of: Segments, scope: FieldScope, times: str, after: Pairs
+) -> None:
     """Write the loop that measures items of variable size.
 
     At each item the minimum size of all remaining items is requested at once.
@@ -640,7 +646,7 @@ def _names_in_items(segments: Segments) -> set[str]:
     return found
 
 
-def _item_text(scope: Scope, found: str = "") -> str:
+def _item_text(scope: FieldScope, found: str = "") -> str:
     """Return the source of a mapping with the values of an item or record, without the list `found` itself."""
     texts = {
         name: _item_text(entry.inside) if entry.direct and entry.inside is not None else entry.text
@@ -656,7 +662,7 @@ class RecordKind(SegmentKind[Record]):
     def is_plain(self, segment: Record) -> bool:
         return True
 
-    def tasks(self, w: EncodeWriter, segment: Record, scope: Scope, given: Given) -> list[Task]:
+    def tasks(self, w: EncodeWriter, segment: Record, scope: FieldScope, given: ConsumedValues) -> list[Task]:
         name, outer = segment.name, w.outer_names(segment)
         if segment.when is not None:
             both = (name, f"bytes of {segment.path}")
@@ -666,12 +672,12 @@ class RecordKind(SegmentKind[Record]):
             tasks.append(Task((f"bytes of {segment.path}",), {name}, lambda _: w.put_into_local(segment, scope)))
         return tasks
 
-    def declare(self, d: DiagnosisWriter, segment: Record, scope: Scope) -> None:
-        inside = Scope(scope)
+    def declare(self, d: DiagnosisWriter, segment: Record, scope: FieldScope) -> None:
+        inside = FieldScope(scope)
         d.declare(segment.of, inside)
         scope.entries[segment.name] = NameEntry(f"n[{quoted(segment.name)}]", "record", inside)
 
-    def diagnose(self, d: DiagnosisWriter, segment: Record, scope: Scope, behind: Behind) -> None:
+    def diagnose(self, d: DiagnosisWriter, segment: Record, scope: FieldScope, behind: Behind) -> None:
         before = len(d.deferred)
         with d.out.block(f"with n.record({quoted(segment.name)}):"):
             d.list(segment.of, inside_of(scope, segment.name), behind, all_is_read=False)
@@ -687,21 +693,21 @@ class RecordKind(SegmentKind[Record]):
         yield segment.name, w.rule("mapping", forms.Range(None, None), needed, inside=w.mapping(segment.of))
 
 
-def _put_record(w: EncodeWriter, record: Record, scope: Scope, given: Given) -> None:
+def _put_record(w: EncodeWriter, record: Record, scope: FieldScope, given: ConsumedValues) -> None:
     local = w.local(record.name, given)
-    inner = Given(local, f"{given.rules}[{quoted(record.name)}].inside", (*given.path, f"{record.name}."))
+    inner = ConsumedValues(local, f"{given.rules}[{quoted(record.name)}].inside", (*given.path, f"{record.name}."))
     if lack_default(record.of):
         given.needed += 1
         w.bind(local, given.value(record.name))
     else:
         w.bind(local, given.value_or(record.name, "{}"))
-    inside = Scope(scope)
+    inside = FieldScope(scope)
     scope.entries[record.name] = NameEntry(local, "record", inside, direct=True)
     w.values(record.of, inside, inner)
     w.check_names(inner)
 
 
-def _put_conditional(w: EncodeWriter, record: Record, scope: Scope, given: Given) -> None:
+def _put_conditional(w: EncodeWriter, record: Record, scope: FieldScope, given: ConsumedValues) -> None:
     """Write the validation and packing of a record that may be absent."""
     assert record.when is not None
     wire, local = w.names.fresh(f"{record.name}_bytes"), w.names.fresh(record.name)
@@ -710,11 +716,11 @@ def _put_conditional(w: EncodeWriter, record: Record, scope: Scope, given: Given
     w.add(f"{local} = None")
     plain = w.preset_plain(record)
     before = len(w.out.lines)
-    inside = Scope(scope)
+    inside = FieldScope(scope)
     with w.out.block(f"if {w.text(record.when, scope)}:"), w.apart():
         needed = lack_default(record.of)
         w.add(f"{local} = {given.value(record.name) if needed else given.value_or(record.name, '{}')}")
-        inner = Given(local, f"{given.rules}[{quoted(record.name)}].inside", (*given.path, f"{record.name}."))
+        inner = ConsumedValues(local, f"{given.rules}[{quoted(record.name)}].inside", (*given.path, f"{record.name}."))
         w.values(record.of, inside, inner)
         w.flush()
         w.check_names(inner)
@@ -725,7 +731,7 @@ def _put_conditional(w: EncodeWriter, record: Record, scope: Scope, given: Given
     scope.entries[record.name] = NameEntry(local, "record", inside, direct=True)
 
 
-def _nothing_if_absent(w: EncodeWriter, inside: Scope, record: str, before: int) -> None:
+def _nothing_if_absent(w: EncodeWriter, inside: FieldScope, record: str, before: int) -> None:
     """Write None into the readable names of an absent record, at line number `before`."""
     lines = Source(w.out.depth)
     for name, entry in _direct_entries(inside):
@@ -736,7 +742,7 @@ def _nothing_if_absent(w: EncodeWriter, inside: Scope, record: str, before: int)
     w.out.lines[before:before] = lines.lines
 
 
-def _direct_entries(scope: Scope) -> Iterator[tuple[str, NameEntry]]:
+def _direct_entries(scope: FieldScope) -> Iterator[tuple[str, NameEntry]]:
     """Yield the names of a record and of its inner records that other segments may read."""
     for name, entry in scope.entries.items():
         if entry.direct and entry.inside is not None:

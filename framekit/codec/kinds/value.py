@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter
-from framekit.codec.python.encode import EncodeWriter, Given
+from framekit.codec.python.encode import ConsumedValues, EncodeWriter
 from framekit.codec.python.encode_plan import Lengths, Rules, RuleWriter, Task
-from framekit.codec.python.expressions import NameEntry, Scope
+from framekit.codec.python.expressions import FieldScope, NameEntry
 from framekit.codec.python.measure import MeasureWriter, Pairs
-from framekit.codec.python.reader import BufferReader, Item
+from framekit.codec.python.reader import BufferReader, ScopedSegment
 from framekit.codec.python.source import quoted, text_source
 from framekit.definition.expression import BIT_OR, COMPARE, Expression
 from framekit.definition.model.segments import Require, Value
@@ -20,20 +20,20 @@ class ValueKind(SegmentKind[Value]):
     def is_plain(self, segment: Value) -> bool:
         return True
 
-    def read(self, r: BufferReader, item: Item, segment: Value, after: tuple[Item, ...]) -> None:
+    def read(self, r: BufferReader, item: ScopedSegment, segment: Value, after: tuple[ScopedSegment, ...]) -> None:
         r.when_known(segment.read, item.scope, lambda: _work_out(r, item, segment))
 
-    def tasks(self, w: EncodeWriter, segment: Value, scope: Scope, given: Given) -> list[Task]:
+    def tasks(self, w: EncodeWriter, segment: Value, scope: FieldScope, given: ConsumedValues) -> list[Task]:
         waits = w.waits(segment.build or segment.read, segment.when)
         tasks = [Task((segment.name,), waits, lambda missing: _put(w, segment, scope, given, missing), True)]
         tasks[0].prefer = segment.build is None
         agree = w.waits(segment.read) | {segment.name}
         return [*tasks, Task((), agree, lambda _: _agree(w, segment, scope, given))]
 
-    def diagnose(self, d: DiagnosisWriter, segment: Value, scope: Scope, behind: Behind) -> None:
+    def diagnose(self, d: DiagnosisWriter, segment: Value, scope: FieldScope, behind: Behind) -> None:
         d.out.add(f"n.value({d.named(segment)}, lambda n: {d.writer(scope).value(segment.read)}{d.refuse(segment)})")
 
-    def measure(self, m: MeasureWriter, segment: Value, scope: Scope, after: Pairs) -> None:
+    def measure(self, m: MeasureWriter, segment: Value, scope: FieldScope, after: Pairs) -> None:
         if segment.name in m.needed:
             m.set_value(segment.name, scope, m.text(segment.read, scope))
 
@@ -44,7 +44,7 @@ class ValueKind(SegmentKind[Value]):
         yield segment.name, 'Rule("any")'
 
 
-def _put(w: EncodeWriter, value: Value, scope: Scope, given: Given, missing: set[str]) -> None:
+def _put(w: EncodeWriter, value: Value, scope: FieldScope, given: ConsumedValues, missing: set[str]) -> None:
     local = w.names.fresh(value.name)
     if value.build is None and not missing:
         w.add(f"{local} = {w.if_there(w.writer(scope).value(value.read), value.when, scope)}")
@@ -56,7 +56,7 @@ def _put(w: EncodeWriter, value: Value, scope: Scope, given: Given, missing: set
     scope.entries[value.name] = NameEntry(local)
 
 
-def _agree(w: EncodeWriter, value: Value, scope: Scope, given: Given) -> None:
+def _agree(w: EncodeWriter, value: Value, scope: FieldScope, given: ConsumedValues) -> None:
     """Write the check that a value that was given or built equals the value that a reader computes."""
     local = scope.entries[value.name].text
     if given.computed.get(value.name) == local:
@@ -67,7 +67,7 @@ def _agree(w: EncodeWriter, value: Value, scope: Scope, given: Given) -> None:
     w.complain_where(value.when, scope, f"{local} != {read}", text_source(*path), message)
 
 
-def _work_out(r: BufferReader, item: Item, value: Value) -> None:
+def _work_out(r: BufferReader, item: ScopedSegment, value: Value) -> None:
     local = r.function.local(value.name, item.scope)
     r.function.add(f"{local} = {r.function.writer(item.scope).value(value.read)}")
     r.declare(item, value.name, local)
@@ -77,17 +77,17 @@ class RequireKind(SegmentKind[Require]):
     model = Require
     may_be_absent = True
 
-    def read(self, r: BufferReader, item: Item, segment: Require, after: tuple[Item, ...]) -> None:
+    def read(self, r: BufferReader, item: ScopedSegment, segment: Require, after: tuple[ScopedSegment, ...]) -> None:
         def refuse() -> None:
             r.function.mismatch_if(r.function.writer(item.scope).negated(segment.condition))
 
         r.when_known(segment.condition, item.scope, refuse)
 
-    def tasks(self, w: EncodeWriter, segment: Require, scope: Scope, given: Given) -> list[Task]:
+    def tasks(self, w: EncodeWriter, segment: Require, scope: FieldScope, given: ConsumedValues) -> list[Task]:
         waits = w.waits(segment.condition, segment.when)
         return [Task((), waits, lambda _: _demand(w, segment, segment.condition, scope))]
 
-    def diagnose(self, d: DiagnosisWriter, segment: Require, scope: Scope, behind: Behind) -> None:
+    def diagnose(self, d: DiagnosisWriter, segment: Require, scope: FieldScope, behind: Behind) -> None:
         text = d.writer(scope).text(segment.condition)
         d.out.add(f"n.require({quoted(segment.condition.text)}, lambda n: {text}{d.refuse(segment)})")
 
@@ -95,7 +95,7 @@ class RequireKind(SegmentKind[Require]):
         return f"({segment.condition})"
 
 
-def _demand(w: EncodeWriter, segment: Require, condition: Expression, scope: Scope) -> None:
+def _demand(w: EncodeWriter, segment: Require, condition: Expression, scope: FieldScope) -> None:
     text = w.writer(scope).negated(condition)
     if segment.when is not None:
         text = f"{w.text(segment.when, scope, COMPARE)} and {text}"

@@ -8,13 +8,13 @@ from dataclasses import replace
 from framekit.codec.kinds.base import SegmentKind
 from framekit.codec.python.codings import wire_coding
 from framekit.codec.python.diagnosis import Behind, DiagnosisWriter, checks_option
-from framekit.codec.python.encode import EncodeWriter, Given
+from framekit.codec.python.encode import ConsumedValues, EncodeWriter
 from framekit.codec.python.encode_plan import Task
-from framekit.codec.python.expressions import Scope
+from framekit.codec.python.expressions import FieldScope
 from framekit.codec.python.facts import symbol_behind
 from framekit.codec.python.function import between
 from framekit.codec.python.measure import MeasureWriter, Pairs, needed_names
-from framekit.codec.python.reader import BufferReader, Item, not_possible, shown_name
+from framekit.codec.python.reader import BufferReader, ScopedSegment, not_possible, shown_name
 from framekit.codec.python.registry import summary
 from framekit.codec.python.source import Code, bytes_literal, quoted, text_source
 from framekit.definition.codings import Hex
@@ -26,7 +26,7 @@ from framekit.definition.model.segments import Const, Skip, Wrap, exactly
 class WrapKind(SegmentKind[Wrap]):
     model = Wrap
 
-    def read(self, r: BufferReader, item: Item, segment: Wrap, after: tuple[Item, ...]) -> None:
+    def read(self, r: BufferReader, item: ScopedSegment, segment: Wrap, after: tuple[ScopedSegment, ...]) -> None:
         function = r.function
         plain = function.names.fresh(shown_name(segment, "plain"))
         if function.in_branch and any(leaf.path in function.tracked for leaf in leaves(segment.of)):
@@ -60,7 +60,7 @@ class WrapKind(SegmentKind[Wrap]):
             )
             function.wrong_if(f"len({plain}) > {most}")
 
-    def tasks(self, w: EncodeWriter, segment: Wrap, scope: Scope, given: Given) -> list[Task]:
+    def tasks(self, w: EncodeWriter, segment: Wrap, scope: FieldScope, given: ConsumedValues) -> list[Task]:
         tasks: list[Task] = []
         for one in segment.of:
             w.tasks_of(one, scope, given, tasks)
@@ -74,7 +74,7 @@ class WrapKind(SegmentKind[Wrap]):
             tasks.append(Task((), waits, lambda _: _compare_size(w, segment, scope, given)))
         return tasks
 
-    def bytes_text(self, w: EncodeWriter, segment: Wrap, scope: Scope) -> str:
+    def bytes_text(self, w: EncodeWriter, segment: Wrap, scope: FieldScope) -> str:
         buffer = w.names.fresh("plain")
         text = w.region(segment.of, scope, buffer)
         if segment.least or segment.most is not None:
@@ -85,7 +85,7 @@ class WrapKind(SegmentKind[Wrap]):
             return f"{text}.replace({bytes_literal(single)}, {bytes_literal(2 * single)})"
         return wire_coding(segment.coding).build_text(w.module, segment.coding, text, lambda one: w.text(one, scope))
 
-    def diagnose(self, d: DiagnosisWriter, segment: Wrap, scope: Scope, behind: Behind) -> None:
+    def diagnose(self, d: DiagnosisWriter, segment: Wrap, scope: FieldScope, behind: Behind) -> None:
         fixed = d.static.all(segment.of).fixed
         option, size = "", "None"
         if segment.escape is None:
@@ -109,7 +109,7 @@ class WrapKind(SegmentKind[Wrap]):
             d.region(segment.of, scope, all_is_read=False)
             d.deferred, d.in_item = outside + d.deferred, in_item
 
-    def measure(self, m: MeasureWriter, segment: Wrap, scope: Scope, after: Pairs) -> None:
+    def measure(self, m: MeasureWriter, segment: Wrap, scope: FieldScope, after: Pairs) -> None:
         fixed = m.static.all(segment.of).fixed
         if segment.escape is None:
             _measure_by_size_or_end(m, segment, scope, fixed, after)
@@ -155,7 +155,7 @@ def _size_on_wire(wrap: Wrap, fixed: int | None) -> int | Expression | None:
     return wrap.coding.sizes(exactly(fixed)).fixed
 
 
-def _compare_size(w: EncodeWriter, wrap: Wrap, scope: Scope, given: Given) -> None:
+def _compare_size(w: EncodeWriter, wrap: Wrap, scope: FieldScope, given: ConsumedValues) -> None:
     """Write the comparison of the encoded size with the size that other values state."""
     size, conditions = str(wrap.size), []
     if isinstance(wrap.size, Expression):
@@ -165,7 +165,7 @@ def _compare_size(w: EncodeWriter, wrap: Wrap, scope: Scope, given: Given) -> No
     w.compare_size(path, f"len({w.wires[wrap.path]})", size, conditions)
 
 
-def _limit(w: EncodeWriter, wrap: Wrap, scope: Scope, buffer: str) -> None:
+def _limit(w: EncodeWriter, wrap: Wrap, scope: FieldScope, buffer: str) -> None:
     tests = [f"len({buffer}) < {wrap.least}"] if wrap.least else []
     if wrap.most is not None:
         most = str(wrap.most) if isinstance(wrap.most, int) else w.text(wrap.most, scope, OR)
@@ -174,7 +174,9 @@ def _limit(w: EncodeWriter, wrap: Wrap, scope: Scope, buffer: str) -> None:
     w.complain(" or ".join(tests), '""', message)
 
 
-def _unstuff(r: BufferReader, item: Item, wrap: Wrap, fixed: int | None, after: tuple[Item, ...], plain: str) -> None:
+def _unstuff(
+    r: BufferReader, item: ScopedSegment, wrap: Wrap, fixed: int | None, after: tuple[ScopedSegment, ...], plain: str
+) -> None:
     """Write the removal of doubled escape bytes; the content goes into the local `plain`."""
     name, escape = r.module.function, f"{wrap.escape or 0:#04x}"
     embedded_texts = [bytes_literal(data) for data in r.module.embedded_frames(wrap)]
@@ -206,7 +208,7 @@ def _unstuff(r: BufferReader, item: Item, wrap: Wrap, fixed: int | None, after: 
 
 
 def _measure_content(
-    m: MeasureWriter, wrap: Wrap, scope: Scope, after: Pairs, further: int = 0, is_there: bool = True
+    m: MeasureWriter, wrap: Wrap, scope: FieldScope, after: Pairs, further: int = 0, is_there: bool = True
 ) -> None:
     """Write the reading of values in a wrap that the sizes of later segments depend on.
 
@@ -232,7 +234,7 @@ def _measure_content(
             m.set_value(name, scope, f"{m.path_of(scope)}{there}", one if one.is_record else None)
 
 
-def _measure_by_size_or_end(m: MeasureWriter, wrap: Wrap, scope: Scope, fixed: int | None, after: Pairs) -> None:
+def _measure_by_size_or_end(m: MeasureWriter, wrap: Wrap, scope: FieldScope, fixed: int | None, after: Pairs) -> None:
     known = _size_on_wire(wrap, fixed)
     if known is not None:
         needed = any(name in m.needed for one in flat(wrap.of) for name in one.value_names)
@@ -276,12 +278,12 @@ def _measure_by_size_or_end(m: MeasureWriter, wrap: Wrap, scope: Scope, fixed: i
     m.skip(f"{size} - 1")
 
 
-def _handed(names: Iterable[str], scope: Scope, path: str, given: dict[str, str]) -> Scope:
+def _handed(names: Iterable[str], scope: FieldScope, path: str, given: dict[str, str]) -> FieldScope:
     """Return a scope in which the content of a wrap finds the outer values in its context.
 
     Fills `given` with the source of each value by its name in the context.
     """
-    found = Scope()
+    found = FieldScope()
     for name in sorted(names):
         entry = scope.find(name)
         if entry is not None and entry.direct and entry.inside is not None:
@@ -293,7 +295,7 @@ def _handed(names: Iterable[str], scope: Scope, path: str, given: dict[str, str]
     return found
 
 
-def _diagnose_limits(d: DiagnosisWriter, wrap: Wrap, scope: Scope) -> None:
+def _diagnose_limits(d: DiagnosisWriter, wrap: Wrap, scope: FieldScope) -> None:
     refuse = d.refuse(wrap)
     if wrap.least:
         rule = f'"short", {d.named(wrap)}, 0, {quoted(f"at least {wrap.least} bytes")}'

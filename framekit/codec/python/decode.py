@@ -12,11 +12,11 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 from framekit.codec.python.choices import Leaf, Switch, in_order, tree_of
-from framekit.codec.python.expressions import Scope
-from framekit.codec.python.facts import Target, by_path
+from framekit.codec.python.expressions import FieldScope
+from framekit.codec.python.facts import PathTarget, by_path
 from framekit.codec.python.function import Fields, Function, Offset
 from framekit.codec.python.module import Module
-from framekit.codec.python.reader import BufferReader, Item
+from framekit.codec.python.reader import BufferReader, ScopedSegment
 from framekit.codec.python.registry import kind_of, summary, write_docstring
 from framekit.codec.python.source import Source, bytes_literal, quoted
 from framekit.definition.expression import BIT_OR, Expression
@@ -47,7 +47,7 @@ def write_decoder(
         tail = frame.tail[0] if frame is not None and frame.delimited and frame.tail else None
         if frame is not None and isinstance(tail, Const) and tail.data[0] in bytes_of(frame.body, module.static.frames):
             _ends_at_tail(function, reader, frame, tail)
-        reader.read(segments, Scope(), fields)
+        reader.read(segments, FieldScope(), fields)
         reader.close()
     for action in function.late:
         action()
@@ -250,9 +250,9 @@ class Apart:
         self._inside = {id(segment) for segment in pair.inside}
         named = Fields(function.names.fresh(pair.inner.name), (fields, pair.inner.name))
         inside = Fields(function.names.fresh(pair.inside_name), (named, pair.inside_name))
-        self._where = Scope(), inside
+        self._where = FieldScope(), inside
 
-    def where(self, segment: Segment, scope: Scope, fields: Fields) -> tuple[Scope, Fields]:
+    def where(self, segment: Segment, scope: FieldScope, fields: Fields) -> tuple[FieldScope, Fields]:
         """Return the scope and the dictionary of a segment; `scope` and `fields` are those of the outer frame."""
         return self._where if id(segment) in self._inside else (scope, fields)
 
@@ -264,7 +264,7 @@ class _PairReader(BufferReader):
         super().__init__(function, "data", "at")
         self.apart = Apart(function, pair, fields)
 
-    def items(self, segments: Iterable[Segment], scope: Scope, fields: Fields) -> list[Item]:
+    def items(self, segments: Iterable[Segment], scope: FieldScope, fields: Fields) -> list[ScopedSegment]:
         return [
             item
             for segment in segments
@@ -291,14 +291,14 @@ def function_of(module: Module, title: str, pair: Pair) -> Function:
     return function
 
 
-def compare_size(function: Function, pair: Pair, scope: Scope) -> None:
+def compare_size(function: Function, pair: Pair, scope: FieldScope) -> None:
     """Add the condition that the inner frame has the size that the outer frame states."""
     if isinstance(pair.inner.size, Expression):
         size = function.writer(scope).text(pair.inner.size, BIT_OR)
         function.mismatch_if(f"{size} != {function.room(_parts(pair), plain=False)}")
 
 
-def _parts(pair: Pair) -> dict[str, Target]:
+def _parts(pair: Pair) -> dict[str, PathTarget]:
     return by_path(segment for segment in pair.inside if segment.takes_bytes)
 
 
@@ -308,7 +308,7 @@ def write_fused(module: Module, identifier: str, title: str, frame: Frame, pair:
     For other frames the decoder raises any exception.
     """
     function = function_of(module, title, pair)
-    fields, scope = Fields(function.names.fresh("fields")), Scope()
+    fields, scope = Fields(function.names.fresh("fields")), FieldScope()
     reader = _PairReader(function, pair, fields)
     reader.read(pair.segments, scope, fields)
     reader.close()

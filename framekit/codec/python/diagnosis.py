@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 from framekit.codec.python import forms
-from framekit.codec.python.expressions import Scope, default_text, entries_read
+from framekit.codec.python.expressions import FieldScope, default_text, entries_read
 from framekit.codec.python.facts import names_asked_for, parts_around
 from framekit.codec.python.function import (
     FunctionWriter,
@@ -27,7 +27,7 @@ from framekit.definition.expression import BIT_OR, PRODUCT, Expression
 from framekit.definition.model.frames import Frame, everything, flat, without_when
 from framekit.definition.model.segments import Check, Const, Count, Field, FieldType, Length, Segment
 
-Behind = tuple[tuple[Segment, Scope], ...]
+Behind = tuple[tuple[Segment, FieldScope], ...]
 """The segments that follow a segment in its buffer, each with the scope of its names."""
 
 
@@ -41,7 +41,7 @@ def write_diagnosis(
     options = ("" if surplus is None else f", surplus={surplus:#x}") + checks_option(segments)
     with body.block(f"with n.part({options.removeprefix(', ')}):"):
         writer.out = body
-        writer.region(segments, Scope(), frame)
+        writer.region(segments, FieldScope(), frame)
         for line in writer.late_checks:
             writer.out.add(line)
     out = Source()
@@ -65,7 +65,7 @@ def checks_option(segments: tuple[Segment, ...]) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class DeferredCall:
     """A call that needs later segments: those of these paths, and their values."""
 
     line: str
@@ -77,7 +77,7 @@ class DiagnosisWriter(FunctionWriter):
 
     def __init__(self, module: Module, segments: tuple[Segment, ...]) -> None:
         super().__init__(module, segments)
-        self.deferred: list[Comparison] = []
+        self.deferred: list[DeferredCall] = []
         self.passed: set[str] = set()
         """The paths of the segments whose calls have been written, and of their values."""
         self.in_item = False
@@ -99,7 +99,7 @@ class DiagnosisWriter(FunctionWriter):
 
     # ---- texts --------------------------------------------------------------------------------------------
 
-    def ask(self, what: int | Expression | str, scope: Scope, factor: str = "") -> str:
+    def ask(self, what: int | Expression | str, scope: FieldScope, factor: str = "") -> str:
         """Return a number, or a function of `n` that computes it; None for `rest`."""
         if what == "rest":
             return "None"
@@ -125,13 +125,13 @@ class DiagnosisWriter(FunctionWriter):
             for segment, scope in self._in_place_of_records(after)
         )
 
-    def _is_told(self, segment: Segment, scope: Scope) -> bool:
+    def _is_told(self, segment: Segment, scope: FieldScope) -> bool:
         """Return whether the names that the segment's condition reads have been read already."""
         when = segment.when
         entries = () if when is None else entries_read(when.root, scope, self.field_names)
         return all(id(entry) in self.read_entries for entry in entries)
 
-    def _in_place_of_records(self, after: Behind) -> Iterator[tuple[Segment, Scope]]:
+    def _in_place_of_records(self, after: Behind) -> Iterator[tuple[Segment, FieldScope]]:
         """Yield the segments with those of unconditional records inlined."""
         for segment, scope in after:
             if segment.is_record and segment.when is None:
@@ -171,7 +171,7 @@ class DiagnosisWriter(FunctionWriter):
         return f"lambda raw: {text}"
 
     def region(
-        self, segments: tuple[Segment, ...], scope: Scope, frame: Frame | None = None, *, all_is_read: bool = True
+        self, segments: tuple[Segment, ...], scope: FieldScope, frame: Frame | None = None, *, all_is_read: bool = True
     ) -> None:
         """Write the calls of a whole buffer. Segments after its last variable part are read from the end."""
         self.declare(segments, scope)
@@ -187,7 +187,7 @@ class DiagnosisWriter(FunctionWriter):
             self.list(tail, scope, (), finish=False)
         self.finish(all_is_read=all_is_read)
 
-    def _delimited(self, frame: Frame, scope: Scope, mark: int) -> None:
+    def _delimited(self, frame: Frame, scope: FieldScope, mark: int) -> None:
         """Write the calls of a frame whose body ends where its tail begins."""
         surplus = "" if frame.surplus is None else f", surplus={frame.surplus:#x}"
         behind = tuple((segment, scope) for segment in (*frame.body, *frame.tail))
@@ -199,7 +199,7 @@ class DiagnosisWriter(FunctionWriter):
     def list(
         self,
         segments: Iterable[Segment],
-        scope: Scope,
+        scope: FieldScope,
         after: Behind,
         finish: bool = True,
         all_is_read: bool = True,
@@ -227,7 +227,7 @@ class DiagnosisWriter(FunctionWriter):
 
     def later(self, line: str, segment: Segment, *needed: str | Expression) -> None:
         """Defer a call of a segment until the named siblings, and the names its expressions read, have been read."""
-        self.deferred.append(Comparison(line, paths_read(segment, self.all_paths, *needed)))
+        self.deferred.append(DeferredCall(line, paths_read(segment, self.all_paths, *needed)))
 
     def finish(self, *, all_is_read: bool) -> None:
         """Write the comparisons whose segments have been read; with `all_is_read` all comparisons."""
@@ -238,7 +238,7 @@ class DiagnosisWriter(FunctionWriter):
             else:
                 self.deferred.append(one)
 
-    def _conditional(self, segment: Segment, scope: Scope, behind: Behind) -> None:
+    def _conditional(self, segment: Segment, scope: FieldScope, behind: Behind) -> None:
         assert segment.when is not None
         condition = f'n.ask(lambda n: {self.writer(scope).text(segment.when)}, "value", {self.named(segment)})'
         with self.out.block(f"if {condition}:"):
@@ -297,14 +297,14 @@ class DiagnosisWriter(FunctionWriter):
 
     # ---- segments with others inside ----------------------------------------------------------------------
 
-    def declare(self, segments: Iterable[Segment], scope: Scope) -> None:
+    def declare(self, segments: Iterable[Segment], scope: FieldScope) -> None:
         """Declare the fields of a list, which are read as `n["name"]`."""
         for segment in segments:
             for block in segment.blocks:
                 self.declare(block, scope)
             kind_of(segment).declare(self, segment, scope)
 
-    def _segment(self, segment: Segment, scope: Scope, behind: Behind) -> None:
+    def _segment(self, segment: Segment, scope: FieldScope, behind: Behind) -> None:
         """Write the calls of a present segment."""
         kind_of(segment).diagnose(self, segment, scope, behind)
 
@@ -313,7 +313,7 @@ class DiagnosisWriter(FunctionWriter):
         return "" if text == "0" else f", behind={text}"
 
 
-def inside_of(scope: Scope, name: str) -> Scope:
+def inside_of(scope: FieldScope, name: str) -> FieldScope:
     """Return the names inside a record or a list."""
     entry = scope.find(name)
     assert entry is not None and entry.inside is not None

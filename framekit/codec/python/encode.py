@@ -23,7 +23,7 @@ from framekit.codec.python.encode_plan import (
     run_in_order,
     sum_of,
 )
-from framekit.codec.python.expressions import NameEntry, Scope, constant_of, default_text
+from framekit.codec.python.expressions import FieldScope, NameEntry, constant_of, default_text
 from framekit.codec.python.facts import by_path, ending_constants, lengths_asked, size_follows_value
 from framekit.codec.python.forms import code_bytes, needs
 from framekit.codec.python.function import FunctionWriter, covers_later, on_the_wire
@@ -74,18 +74,18 @@ from framekit.definition.model.segments import (
 from framekit.definition.problems import DefinitionError
 from framekit.definition.wire_types import shown_stops
 
-Placed = tuple[Segment, Scope]
+Placed = tuple[Segment, FieldScope]
 """A segment and the scope of its names."""
 CIRCLE = "its size goes round in a circle: such a frame can be read, not built"
 """The message for a size that depends on itself."""
-Waiting = tuple[str, Check, Scope]
+Waiting = tuple[str, Check, FieldScope]
 """A check code that covers later bytes: the mark in its place, the check, and the scope of its names."""
 Cases = list[tuple[str, tuple[Segment, ...] | None]]
 """Header line of each branch, with its segments; None marks a forbidden case."""
 
 
 @dataclass(slots=True)
-class Given:
+class ConsumedValues:
     """A mapping of values while it is consumed."""
 
     text: str
@@ -102,7 +102,7 @@ class Given:
     """The source of each computed value, by name."""
     in_cases: tuple[str, str] | None = None
     """The locals that hold the computed values of the chosen cases, and the names of the other cases."""
-    conditional: list[tuple[Segment, Scope]] = field(default_factory=list)
+    conditional: list[tuple[Segment, FieldScope]] = field(default_factory=list)
     """The segments of these values that have a condition of their own."""
 
     def value(self, name: str) -> str:
@@ -126,7 +126,7 @@ class _Ended(NamedTuple):
     """A text that ends before one of several bytes, with the locals of the bytes that follow it."""
 
     segment: Segment
-    scope: Scope
+    scope: FieldScope
     behind: list[str]
 
 
@@ -148,8 +148,8 @@ def write_encoder(
     """Return the source of `encode_…` of a frame, or of a layout if `frame` is None."""
     rules = module.rules(identifier, RuleWriter(module, identifier).mapping(segments))
     writer = EncodeWriter(module, identifier, segments)
-    given = Given("values", rules)
-    scope = Scope()
+    given = ConsumedValues("values", rules)
+    scope = FieldScope()
     writer.values(segments, scope, given)
     writer.flush()
     writer.check_names(given)
@@ -281,7 +281,7 @@ class EncodeWriter(FunctionWriter):
         """The local with the covered bytes of a segment that may be absent."""
         self.begun: set[str] = set()
         """The buffers that have been assigned."""
-        self.late: dict[str, list[tuple[str, tuple[Segment, ...], Scope]]] = {}
+        self.late: dict[str, list[tuple[str, tuple[Segment, ...], FieldScope]]] = {}
         """The cases of a choice with check codes: header, segments, scope."""
         self.postponed: set[str] = set()
         """The checks that wait for bytes after them."""
@@ -319,10 +319,10 @@ class EncodeWriter(FunctionWriter):
         """Return the source of a context value, which is read at each use."""
         return self.module.given(self.module.known(name, self.segments))
 
-    def text(self, expression: Expression, scope: Scope, level: int = 0) -> str:
+    def text(self, expression: Expression, scope: FieldScope, level: int = 0) -> str:
         return self.writer(scope).text(expression, level)
 
-    def if_present(self, segment: Segment, scope: Scope, text: str, otherwise: str) -> str:
+    def if_present(self, segment: Segment, scope: FieldScope, text: str, otherwise: str) -> str:
         """Return the source, made conditional on the segment's condition."""
         if segment.when is None:
             return text
@@ -383,13 +383,13 @@ class EncodeWriter(FunctionWriter):
         is_filled = item.type.pad is not None or item.type.end is not None
         return is_filled and isinstance(item.type.size, Expression) and self.size_by_length(item) is None
 
-    def bounded(self, size: Expression, scope: Scope) -> str:
+    def bounded(self, size: Expression, scope: FieldScope) -> str:
         """Return the source of a computed size with an upper bound, so that padding is bounded."""
         return f"{self.module.function('room')}({self.text(size, scope)})"
 
     # ---- room ---------------------------------------------------------------------------------------------
 
-    def room(self, paths: Iterable[str], scope: Scope, *, plain: bool = False) -> str:
+    def room(self, paths: Iterable[str], scope: FieldScope, *, plain: bool = False) -> str:
         """Return the source of the encoded size of these segments in bytes; `plain`: the size before conversion."""
         fixed, parts = 0, []
         for path in paths:
@@ -420,12 +420,12 @@ class EncodeWriter(FunctionWriter):
         """Return the source of the condition that a value is not exactly of a type."""
         return f"type({local}) is not {type_}"
 
-    def local_of(self, segment: Segment, scope: Scope) -> str:
+    def local_of(self, segment: Segment, scope: FieldScope) -> str:
         """Return the local of a segment's value, empty if it has none."""
         entry = scope.find(segment.name or "")
         return "" if entry is None else entry.text
 
-    def _size_of(self, segment: Segment, scope: Scope, plain: bool) -> str:
+    def _size_of(self, segment: Segment, scope: FieldScope, plain: bool) -> str:
         wire = self.wires.get(segment.path)
         if wire is not None:
             return f"len({wire})"
@@ -455,7 +455,7 @@ class EncodeWriter(FunctionWriter):
         """Return the source of the number of values in a list."""
         return self.counts.get(local, f"len({local})")
 
-    def local(self, name: str, given: Given) -> str:
+    def local(self, name: str, given: ConsumedValues) -> str:
         """Return a new local for a value."""
         return self.names.fresh(name)
 
@@ -463,18 +463,24 @@ class EncodeWriter(FunctionWriter):
         """Assign a value to its local."""
         self.add(f"{local} = {text}")
 
-    def or_nothing(self, name: str, text: str, when: Expression | None, scope: Scope) -> str:
+    def or_nothing(self, name: str, text: str, when: Expression | None, scope: FieldScope) -> str:
         """Return the source of a value for expressions: None if the segment is absent."""
         if when is None or name not in self.read_names | self.fields_read:
             return text
         return f"({text} if {self.text(when, scope, OR)} else None)"
 
-    def if_there(self, text: str, when: Expression | None, scope: Scope, otherwise: str = "None") -> str:
+    def if_there(self, text: str, when: Expression | None, scope: FieldScope, otherwise: str = "None") -> str:
         """Return source that is evaluated only if the segment is present."""
         return text if when is None else f"({text}) if {self.text(when, scope, OR)} else {otherwise}"
 
     def computed(
-        self, name: str, expression: Expression, local: str, scope: Scope, given: Given, when: Expression | None
+        self,
+        name: str,
+        expression: Expression,
+        local: str,
+        scope: FieldScope,
+        given: ConsumedValues,
+        when: Expression | None,
     ) -> str:
         number = constant_of(expression)
         if number is None:
@@ -483,25 +489,25 @@ class EncodeWriter(FunctionWriter):
         given.computed[name] = text
         return text
 
-    def wanted(self, name: str, given: Given) -> str:
+    def wanted(self, name: str, given: ConsumedValues) -> str:
         """Return the source of a required value; in a record the source reports a missing value with its full path."""
         if not given.path:
             return given.value(name)
         return f"{self.module.function('needed')}({given.text}, {quoted(name)}, {text_source(*given.path)})"
 
-    def with_missing(self, scope: Scope, given: Given, missing: set[str]) -> Scope:
+    def with_missing(self, scope: FieldScope, given: ConsumedValues, missing: set[str]) -> FieldScope:
         """Return a scope in which names that are not computed yet refer to the given values."""
-        inner = Scope(scope)
+        inner = FieldScope(scope)
         inner.entries = {name: NameEntry(self.wanted(name, given)) for name in sorted(missing)}
         return inner
 
-    def validate_range(self, item: Segment, scope: Scope, local: str, limits: forms.Range) -> None:
+    def validate_range(self, item: Segment, scope: FieldScope, local: str, limits: forms.Range) -> None:
         if limits.least is not None and limits.most is not None:
             self.refuse(item, scope, f"not {limits.least} <= {local} <= {limits.most}")
         elif limits.least is not None:
             self.refuse(item, scope, f"{local} < {limits.least}")
 
-    def refuse_digits(self, item: Field | Length | Count, scope: Scope, text: str) -> None:
+    def refuse_digits(self, item: Field | Length | Count, scope: FieldScope, text: str) -> None:
         """Write the check that a computed number fits its hex digits, since formatting it does not check this."""
         if forms.hex_places(item.type) is None or text.isdigit():
             return
@@ -511,21 +517,28 @@ class EncodeWriter(FunctionWriter):
         else:
             self.refuse(item, scope, f"{text} > {limits.most}")
 
-    def refuse(self, item: Segment, scope: Scope, condition: str) -> None:
+    def refuse(self, item: Segment, scope: FieldScope, condition: str) -> None:
         """Refuse the values like `refuse_if`, but only if the segment is present."""
         self.refuse_where(item.when, scope, condition)
 
-    def refuse_where(self, when: Expression | None, scope: Scope, condition: str) -> None:
+    def refuse_where(self, when: Expression | None, scope: FieldScope, condition: str) -> None:
         """Refuse the values like `refuse_if`, but only if the condition `when` of the segment holds."""
         self.refuse_if(condition if when is None else f"({self.text(when, scope, AND)} and {condition})")
 
-    def complain_where(self, when: Expression | None, scope: Scope, condition: str, field: str, message: str) -> None:
+    def complain_where(
+        self, when: Expression | None, scope: FieldScope, condition: str, field: str, message: str
+    ) -> None:
         """Refuse the values like `complain`, but only if the condition `when` of the segment holds."""
         there = "" if when is None else f"{self.text(when, scope, AND)} and "
         self.complain(f"{there}{condition}", field, message)
 
     def refuse_others(
-        self, name: str, local: str, constants: tuple[int | str | bytes, ...], when: Expression | None, scope: Scope
+        self,
+        name: str,
+        local: str,
+        constants: tuple[int | str | bytes, ...],
+        when: Expression | None,
+        scope: FieldScope,
     ) -> None:
         shown = ", ".join(repr(constant) for constant in constants)
         message = text_source(f"'{name}' is one of {shown}, not ", Code(f"repr({local})"))
@@ -542,14 +555,16 @@ class EncodeWriter(FunctionWriter):
         with self.out.block(f"if {self.is_other(local, 'bytes')} and {self.is_other(local, 'bytearray')}:"):
             self.add(f'{local} = b"" + {local}')
 
-    def sized_as_told(self, item: Field | Data, name: str, told: Expression, scope: Scope, given: Given) -> None:
+    def sized_as_told(
+        self, item: Field | Data, name: str, told: Expression, scope: FieldScope, given: ConsumedValues
+    ) -> None:
         """Write the check that a value has the size that other values state; a padded value may be shorter."""
         local, size = scope.entries[name].text, self.text(told, scope)
         is_text = isinstance(item, Field) and self.fills_up(item)
         found = f"max(len({local}), {size})" if is_text else f"len({local})"
         self.compare_size((*given.path, name), found, size, self.is_known(item.when, told, scope))
 
-    def is_known(self, when: Expression | None, told: Expression, scope: Scope) -> list[str]:
+    def is_known(self, when: Expression | None, told: Expression, scope: FieldScope) -> list[str]:
         """Return the conditions that a segment is present, and that the announced state in its size is known."""
         found = [] if when is None else [self.text(when, scope, AND)]
         for other in sorted(self.waits(told)):
@@ -558,7 +573,7 @@ class EncodeWriter(FunctionWriter):
                 found.append(f"{self.module.given(other)} is not None")
         return found
 
-    def values(self, segments: Iterable[Segment], scope: Scope, given: Given) -> None:
+    def values(self, segments: Iterable[Segment], scope: FieldScope, given: ConsumedValues) -> None:
         """Write all values of a list of segments, including those in its wraps."""
         segments = tuple(segments)
         if given.in_cases is None and any(segment.has_cases for segment in flat(segments)):
@@ -573,14 +588,14 @@ class EncodeWriter(FunctionWriter):
                 task.waits_for.difference_update(task.gives)
             run_in_order(tasks)
 
-    def tasks_of(self, segment: Segment, scope: Scope, given: Given, tasks: list[Task]) -> None:
+    def tasks_of(self, segment: Segment, scope: FieldScope, given: ConsumedValues, tasks: list[Task]) -> None:
         """Add the tasks of a segment to `tasks`, and its names to `given`."""
         given.names.extend(segment.value_names)
         if segment.when is not None and segment.condition is None:
             given.conditional.append((segment, scope))
         tasks.extend(kind_of(segment).tasks(self, segment, scope, given))
 
-    def check_names(self, given: Given) -> None:
+    def check_names(self, given: ConsumedValues) -> None:
         """Write the check that values beyond the required ones are known, or equal the computed values."""
         check = self.module.function("check_given")
         computed = "{" + ", ".join(f"{quoted(name)}: {text}" for name, text in given.computed.items()) + "}"
@@ -600,7 +615,7 @@ class EncodeWriter(FunctionWriter):
         with self.out.block(f"if {more}:"):
             self.add(f"{check}({given.text}, {given.rules}, {computed}{options})")
 
-    def more_than_needed(self, given: Given) -> str:
+    def more_than_needed(self, given: ConsumedValues) -> str:
         """Return the source of the condition that values are given beyond those that may be given without a check."""
         conditional = {name for _, names in self.conditions_of(given) for name in names}
         free = set(given.names) - set(given.computed) - conditional
@@ -611,7 +626,7 @@ class EncodeWriter(FunctionWriter):
             return f"{given.text} != {{}}{beyond}"
         return f"len({given.text}) != {given.needed}{beyond}"
 
-    def conditions_of(self, given: Given) -> list[tuple[str, tuple[str, ...]]]:
+    def conditions_of(self, given: ConsumedValues) -> list[tuple[str, tuple[str, ...]]]:
         """Return the conditions (source) of conditional values, each with the names of the values."""
         found: dict[str, list[str]] = {}
         for segment, scope in given.conditional:
@@ -627,7 +642,7 @@ class EncodeWriter(FunctionWriter):
             together.setdefault(" or ".join(texts), []).append(name)
         return [(text, tuple(names)) for text, names in together.items()]
 
-    def refuse_absent(self, given: Given) -> None:
+    def refuse_absent(self, given: ConsumedValues) -> None:
         """Record given values of a case whose condition is false.
 
         The generated encoder refuses them like values of other cases.
@@ -638,7 +653,7 @@ class EncodeWriter(FunctionWriter):
                 nothing = f"if {given.text}.get(name) is not None"
                 self.add(f"{given.in_cases[1]} += tuple(name for name in {literal(names)} {nothing})")
 
-    def own_room(self, segment: Length | Count | Bits, scope: Scope) -> str:
+    def own_room(self, segment: Length | Count | Bits, scope: FieldScope) -> str:
         """Return the source of the encoded size of a number in bytes."""
         size = segment.type.size
         text = self.text(size, scope, PRODUCT + 1) if isinstance(size, Expression) else str(size)
@@ -677,7 +692,7 @@ class EncodeWriter(FunctionWriter):
             found |= inside - _given_in(segment.inner_record)
         return found
 
-    def plain_given(self, segment: Segment, scope: Scope, given: Given) -> None:
+    def plain_given(self, segment: Segment, scope: FieldScope, given: ConsumedValues) -> None:
         """Write the assignment of a value that must be given to a local."""
         name = segment.value_names[0]
         local = self.local(name, given)
@@ -688,7 +703,7 @@ class EncodeWriter(FunctionWriter):
             key, empty = self.wanted(name, given), "()" if segment.is_list else "None"
             self.add(f"{local} = {key} if {self.text(segment.when, scope, OR)} else {empty}")
         scope.entries[name] = NameEntry(
-            local, "list" if segment.is_list else "inner", Scope(), sized=not segment.frames_inside
+            local, "list" if segment.is_list else "inner", FieldScope(), sized=not segment.frames_inside
         )
 
     # ---- runs ---------------------------------------------------------------------------------------------
@@ -742,7 +757,7 @@ class EncodeWriter(FunctionWriter):
             text = f"{packs}[{self.count_of(local)}]({', '.join([*texts, f'*{local}'])})"
         return self.if_present(segment, scope, text, 'b""')
 
-    def number_argument(self, segment: Number, scope: Scope, size: int) -> PackArgument:
+    def number_argument(self, segment: Number, scope: FieldScope, size: int) -> PackArgument:
         """Return the pack argument of a number of fixed size."""
         wire = self.wire(segment, scope)
         if forms.hex_places(segment.type) is not None:
@@ -756,7 +771,7 @@ class EncodeWriter(FunctionWriter):
         """Return the module constant with the packers of a list and the codes `before` it, by the number of values."""
         return self.module.list_structs(before, code, order, self.title, "values", packs=True)
 
-    def wire(self, segment: Number, scope: Scope) -> str:
+    def wire(self, segment: Number, scope: FieldScope) -> str:
         """Return the source of the number or text that is encoded."""
         if isinstance(segment, Bits):
             parts = []
@@ -767,11 +782,11 @@ class EncodeWriter(FunctionWriter):
             return " | ".join(parts) or "0"
         return forms.wire_of(segment, self.local_of(segment, scope))
 
-    def data_text(self, data: Data, scope: Scope) -> str:
+    def data_text(self, data: Data, scope: FieldScope) -> str:
         """Return the source of the encoded bytes of data."""
         return forms.wire_text(self.module, data, scope.entries[data.name].text)
 
-    def placed(self, segments: Iterable[Segment], scope: Scope) -> list[Placed]:
+    def placed(self, segments: Iterable[Segment], scope: FieldScope) -> list[Placed]:
         """Return the segments with those of records inlined, without segments that take no bytes."""
         found: list[Placed] = []
         for segment in segments:
@@ -786,7 +801,7 @@ class EncodeWriter(FunctionWriter):
     def region(
         self,
         segments: Iterable[Segment],
-        scope: Scope,
+        scope: FieldScope,
         buffer: str,
         before: str = "",
         tail: tuple[Const, int | Segment] | None = None,
@@ -995,7 +1010,7 @@ class EncodeWriter(FunctionWriter):
         if not segments[0].is_there_inside:
             self.parts.append(KeptBytes(plain, self.plains.get(segments[0].path, text), False))
 
-    def _check(self, check: Check, scope: Scope, before: list[str]) -> str:
+    def _check(self, check: Check, scope: FieldScope, before: list[str]) -> str:
         covered = sum_of([text for text in before if text])
         if check.path not in self.coverage.whole:
             if not self.postponed.isdisjoint(self.coverage.paths(check) or ()):
@@ -1041,7 +1056,7 @@ class EncodeWriter(FunctionWriter):
 
     # ---- single segments ----------------------------------------------------------------------------------
 
-    def single(self, segment: Segment, scope: Scope) -> str:
+    def single(self, segment: Segment, scope: FieldScope) -> str:
         """Return the source of the bytes of a segment outside of a run."""
         known = self.wires.get(segment.path)
         if known is not None:
@@ -1058,7 +1073,7 @@ class EncodeWriter(FunctionWriter):
         message = text_source("the frame takes ", Code(f"len({self.buffer})"), f" bytes, more than {most}")
         self.complain(f"len({self.buffer}) > {most}", '""', message)
 
-    def put_into_local(self, segment: Segment, scope: Scope) -> None:
+    def put_into_local(self, segment: Segment, scope: FieldScope) -> None:
         """Write the bytes of a segment into a local, for lengths that count them."""
         inside = {leaf.path for leaf in leaves(flat((segment,)))}
         for check in parts_of(segment, Check):
@@ -1077,14 +1092,14 @@ class EncodeWriter(FunctionWriter):
         if segment.name in scope.entries and segment.frames_inside:
             scope.entries[segment.name].wire = f"len({local})"
 
-    def branch_tasks(self, segment: Segment, scope: Scope, given: Given) -> list[Task]:
+    def branch_tasks(self, segment: Segment, scope: FieldScope, given: ConsumedValues) -> list[Task]:
         inside = tuple(flat((segment,)))
         names = [inner for one in inside for inner in one.value_names]
         counted = [f"bytes of {one.path}" for one in inside if one.path in self.asked_for or one is segment]
         outer = self.outer_names(segment)
         return [Task((*names, *counted), outer, lambda _: self.branches(segment, scope, given))]
 
-    def branches(self, segment: Segment, scope: Scope, given: Given) -> None:
+    def branches(self, segment: Segment, scope: FieldScope, given: ConsumedValues) -> None:
         """Write the branches of a choice, or of an `optional`."""
         path = segment.path
         wire = self.names.fresh("case_bytes" if segment.chooses_by is not None else "optional_bytes")
@@ -1152,7 +1167,7 @@ class EncodeWriter(FunctionWriter):
 
         return call
 
-    def _names_for_others(self, segment: Segment, scope: Scope) -> dict[str, str]:
+    def _names_for_others(self, segment: Segment, scope: FieldScope) -> dict[str, str]:
         """Return locals for the names of a branch that expressions outside of it may read, preset to None."""
         found: dict[str, str] = {}
         for one in flat((segment,)):
@@ -1175,14 +1190,14 @@ class EncodeWriter(FunctionWriter):
     def _branch(
         self,
         segments: tuple[Segment, ...],
-        scope: Scope,
-        given: Given,
+        scope: FieldScope,
+        given: ConsumedValues,
         outside: dict[str, str],
         rooms: dict[str, str],
-    ) -> Scope:
+    ) -> FieldScope:
         """Write the values of a case; return its scope."""
-        inner = Given(given.text, given.rules, given.path, in_cases=given.in_cases)
-        inside = Scope(scope)
+        inner = ConsumedValues(given.text, given.rules, given.path, in_cases=given.in_cases)
+        inside = FieldScope(scope)
         self.values(segments, inside, inner)
         self.flush()
         self.refuse_absent(inner)

@@ -1,6 +1,6 @@
 """Write expressions of a definition as Python source, with their names resolved.
 
-A `Scope` holds the fields around an expression; tables become module constants; all other names are read from the
+A `FieldScope` holds the fields around an expression; tables become module constants; all other names are read from the
 context. `expression.emit` defines the operators and functions, for engines too.
 """
 
@@ -55,7 +55,7 @@ class NameEntry:
     text: str
     """The source of its value."""
     kind: Kind = "value"
-    inside: Scope | None = None
+    inside: FieldScope | None = None
     """The names inside a record, or inside the items of a list."""
     wire: str | None = None
     """The source of its size on the wire in bytes."""
@@ -73,10 +73,10 @@ class NameEntry:
     """The path of the segment, if the careful reading records its size."""
 
 
-class Scope:
+class FieldScope:
     """Fields by name, searched from the innermost scope outwards."""
 
-    def __init__(self, parent: Scope | None = None, declared: Iterable[Segment] = ()) -> None:
+    def __init__(self, parent: FieldScope | None = None, declared: Iterable[Segment] = ()) -> None:
         self.parent = parent
         self.declared = {name for segment in flat(declared) for name in segment.value_names}
         """Names of the fields of this scope, also of fields that are not read yet."""
@@ -91,7 +91,7 @@ class Scope:
 
     def find(self, name: str) -> NameEntry | None:
         """Return the entry of a name from the innermost scope that declares it, or None."""
-        scope: Scope | None = self
+        scope: FieldScope | None = self
         while scope is not None:
             if name in scope.entries:
                 return scope.entries[name]
@@ -99,7 +99,7 @@ class Scope:
         return None
 
 
-def entry_of(node: Node, scope: Scope) -> NameEntry | None:
+def entry_of(node: Node, scope: FieldScope) -> NameEntry | None:
     """Return the entry of a node that is a field, a part of a field, or an item of a list; else None."""
     if isinstance(node, Name):
         return scope.find(node.name)
@@ -112,7 +112,7 @@ def entry_of(node: Node, scope: Scope) -> NameEntry | None:
     return None
 
 
-def entries_read(node: Node, scope: Scope, fields: Iterable[str]) -> Iterator[NameEntry | None]:
+def entries_read(node: Node, scope: FieldScope, fields: Iterable[str]) -> Iterator[NameEntry | None]:
     """Yield the entries of the fields that an expression reads; None for a field that is not known yet.
 
     For an attribute of a record only the attribute's entry is yielded.
@@ -140,7 +140,7 @@ class Outside(Protocol):
 class ExpressionWriter:
     """Write expressions in a scope. `context` returns the source of a name that is neither a field nor a table."""
 
-    def __init__(self, module: Outside, scope: Scope, context: Callable[[str], str]) -> None:
+    def __init__(self, module: Outside, scope: FieldScope, context: Callable[[str], str]) -> None:
         self.module = module
         self.scope = scope
         self.context = context

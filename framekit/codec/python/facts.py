@@ -43,7 +43,7 @@ def may_be_empty(static: StaticSizes, repeat: Repeat) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class Target:
+class PathTarget:
     """The segments of a path: a single segment, or several if cases share the path."""
 
     segments: tuple[Segment, ...]
@@ -51,7 +51,7 @@ class Target:
     """The segment that is present in every case, or None."""
 
 
-def targets_of(length: Length, segments: Iterable[Segment]) -> dict[str, Target]:
+def targets_of(length: Length, segments: Iterable[Segment]) -> dict[str, PathTarget]:
     """Return the segments that a length counts, by path."""
     found = _index_of(_SameSegments(tuple(segments))).targets
     return {path: found[path] for path in length.counted if path in found}
@@ -65,7 +65,7 @@ Presence = frozenset[object]
 class _Index:
     """The segments of a list and of the records inside it, by path."""
 
-    targets: dict[str, Target]
+    targets: dict[str, PathTarget]
     every: dict[str, list[Segment]]
     """All segments of a path."""
     presences: dict[str, dict[int, list[tuple[Position, Presence]]]]
@@ -109,7 +109,7 @@ def records_in(segments: Segments) -> Iterator[Segments]:
     yield from (one.inner_record for one in everything(segments) if one.inner_record)
 
 
-def by_path(segments: Iterable[Segment]) -> dict[str, Target]:
+def by_path(segments: Iterable[Segment]) -> dict[str, PathTarget]:
     """Return the segments of a record by their paths."""
     segments = tuple(segments)
     found: dict[str, list[Segment]] = {}
@@ -118,7 +118,7 @@ def by_path(segments: Iterable[Segment]) -> dict[str, Target]:
             found.setdefault(segment.path, []).append(segment)
     always = {id(segment) for segment, there in certain(segments) if there}
     return {
-        path: Target(tuple(every), every[0] if len(every) == 1 and id(every[0]) in always else None)
+        path: PathTarget(tuple(every), every[0] if len(every) == 1 and id(every[0]) in always else None)
         for path, every in found.items()
     }
 

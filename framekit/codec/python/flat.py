@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 
 from framekit.codec.python import forms
 from framekit.codec.python.decode import counting, is_plain, names_of, renamed
-from framekit.codec.python.encode import EncodeWriter, Given, as_bytes, tail_of, texts_inside
-from framekit.codec.python.expressions import ExpressionWriter, Scope, default_text
+from framekit.codec.python.encode import ConsumedValues, EncodeWriter, as_bytes, tail_of, texts_inside
+from framekit.codec.python.expressions import ExpressionWriter, FieldScope, default_text
 from framekit.codec.python.facts import is_fixed
 from framekit.codec.python.module import Module
 from framekit.codec.python.registry import kind_of, summary, write_docstring
@@ -46,7 +46,7 @@ class NotPlain(Exception):  # noqa: N818 - not an error: the encoder is used ins
     """Raised for frames that a single function cannot build without reading nested values."""
 
 
-def shown(levels: tuple[Level, ...]) -> tuple[Segment, ...]:
+def shown(levels: tuple[NestingLevel, ...]) -> tuple[Segment, ...]:
     """Return the segments of nested frames, each frame's segments in place of the inner frame around them."""
     *before, last = levels
     found = last.frame.segments
@@ -70,7 +70,7 @@ def _put_in(segments: tuple[Segment, ...], inner: Inner, inside: tuple[Segment, 
 class FusedFrames:
     """Nested frames as one list of segments. Raises NotPlain if they cannot be built together."""
 
-    def __init__(self, static: StaticSizes, levels: tuple[Level, ...]) -> None:
+    def __init__(self, static: StaticSizes, levels: tuple[NestingLevel, ...]) -> None:
         self.static = static
         self.sizes: list[tuple[Expression, tuple[str, ...]]] = []
         """The sizes to compare: expression, and names of the segments that it counts."""
@@ -84,7 +84,7 @@ class FusedFrames:
         if not all(_is_simple(segment) for segment in everything(found)):
             raise NotPlain
 
-    def _inside(self, level: Level, segments: tuple[Segment, ...]) -> tuple[Segment, ...]:
+    def _inside(self, level: NestingLevel, segments: tuple[Segment, ...]) -> tuple[Segment, ...]:
         """Return the segments of an inner frame, or raise NotPlain if it cannot be fused."""
         frame, most = level.frame, self.static.all(segments).most
         if frame.delimited or not is_plain(_as_if_there(segments)):
@@ -152,7 +152,7 @@ _MOST_PACKS = 256
 """Limit of the list sizes for which packers are prepared."""
 
 
-def write_builder(module: Module, name: str, encoder: str, levels: tuple[Level, ...]) -> Source:
+def write_builder(module: Module, name: str, encoder: str, levels: tuple[NestingLevel, ...]) -> Source:
     """Return the source of the builder `name` of nested frames; `encoder` is the name of the outermost frame's encoder.
 
     The context is a name of the module.
@@ -166,7 +166,7 @@ def write_builder(module: Module, name: str, encoder: str, levels: tuple[Level, 
 
 
 def write_plain_builder(
-    module: Module, name: str, encoder: str, levels: tuple[Level, ...], context: str
+    module: Module, name: str, encoder: str, levels: tuple[NestingLevel, ...], context: str
 ) -> Source | None:
     """Return a builder as `write_builder`, with `context` as last parameter; None if it would only call the encoder."""
     parameters = Parameters(module, levels)
@@ -194,7 +194,7 @@ def _function(name: str, parameters: Parameters, lines: Source, context: str) ->
 # ---- the function -------------------------------------------------------------------------------------------
 
 
-class ByKeyword(Given):
+class ByKeyword(ConsumedValues):
     """Values that are given as the parameters of a function."""
 
     def __init__(self, keywords: dict[str, str], worked_out: set[str]) -> None:
@@ -236,7 +236,7 @@ class FlatWriter(EncodeWriter):
     def lines(self, encoder: str) -> Source:
         """Return the lines of the function; `encoder` is called for values that do not fit."""
         frame, segments = self.parameters.levels[0].frame, self.segments
-        given, scope, out = ByKeyword(self.keywords, self.worked_out), Scope(), Source()
+        given, scope, out = ByKeyword(self.keywords, self.worked_out), FieldScope(), Source()
         self.values(segments, scope, given)
         for there, names in self.conditions_of(given):
             wrong = [f"{known} is not {LEFT_OUT}" for name in names if (known := self.keywords.get(name)) is not None]
@@ -260,7 +260,7 @@ class FlatWriter(EncodeWriter):
             self.parameters.write_call(out, encoder)
         return out
 
-    def _limit_list(self, most: int, scope: Scope) -> bool:
+    def _limit_list(self, most: int, scope: FieldScope) -> bool:
         """Limit the frame size by the number of values in a list, if only that list varies; return whether it does."""
         longer = [one for one in self.segments if self.static.of(one).fixed is None]
         if len(longer) != 1 or not isinstance(longer[0], Repeat) or not isinstance(longer[0].of, FieldType):
@@ -279,7 +279,7 @@ class FlatWriter(EncodeWriter):
         most = self.most_values.get(local)
         return self.module.list_structs(before, code, order, self.title, "values", packs=True, most=most)
 
-    def check_names(self, given: Given) -> None:
+    def check_names(self, given: ConsumedValues) -> None:
         """Write the refusal of a record with values beyond the required ones."""
         self.complain(self.more_than_needed(given), "", "")
 
@@ -305,7 +305,7 @@ class FlatWriter(EncodeWriter):
     def no_bytes(self, local: str) -> None:
         self.complain(f"{self.is_other(local, 'bytes')} and {self.is_other(local, 'bytearray')}", "", "")
 
-    def local(self, name: str, given: Given) -> str:
+    def local(self, name: str, given: ConsumedValues) -> str:
         known = self.keywords.get(name) if isinstance(given, ByKeyword) else None
         return self.names.fresh(name) if known is None or name in self.worked_out else known
 
@@ -314,7 +314,7 @@ class FlatWriter(EncodeWriter):
             super().bind(local, text)
 
     @staticmethod
-    def with_missing(scope: Scope, given: Given, missing: set[str]) -> Scope:
+    def with_missing(scope: FieldScope, given: ConsumedValues, missing: set[str]) -> FieldScope:
         if missing:
             raise NotPlain
         return scope
@@ -365,7 +365,7 @@ class Keyword:
 
 
 @dataclass(frozen=True, slots=True)
-class Level:
+class NestingLevel:
     """A frame of a builder, and the segment that holds the next frame; None for the last."""
 
     frame: Frame
@@ -382,17 +382,17 @@ def inner_frames(frame: Frame) -> dict[str, Inner]:
     return found
 
 
-def levels_of(frames: Mapping[str, Frame], names: Iterable[str]) -> tuple[Level, ...]:
+def levels_of(frames: Mapping[str, Frame], names: Iterable[str]) -> tuple[NestingLevel, ...]:
     """Return the frames of these names, each inside the previous one. Raises KeyError if a frame cannot be inside."""
     first, *others = names
-    found, frame = list[Level](), frames[first]
+    found, frame = list[NestingLevel](), frames[first]
     for name in others:
-        found.append(Level(frame, inner_frames(frame)[name]))
+        found.append(NestingLevel(frame, inner_frames(frame)[name]))
         frame = frames[name]
-    return (*found, Level(frame, None))
+    return (*found, NestingLevel(frame, None))
 
 
-def rows_of(frames: Mapping[str, Frame], *names: str) -> Iterator[tuple[Level, ...]]:
+def rows_of(frames: Mapping[str, Frame], *names: str) -> Iterator[tuple[NestingLevel, ...]]:
     """Yield all rows of nested frames that begin with these names, down to a frame without inner frames."""
     inside = inner_frames(frames[names[-1]])
     if not inside:
@@ -405,7 +405,7 @@ def rows_of(frames: Mapping[str, Frame], *names: str) -> Iterator[tuple[Level, .
 class Parameters:
     """The parameters of the builder of nested frames, in frame order."""
 
-    def __init__(self, module: Module, levels: tuple[Level, ...]) -> None:
+    def __init__(self, module: Module, levels: tuple[NestingLevel, ...]) -> None:
         self._module = module
         self.levels = levels
         given = list(self._at(0))
@@ -490,7 +490,7 @@ class Parameters:
     def _constant(self, expression: Expression) -> str:
         if not isinstance(expression.root, (Number, Text, Bytes)):
             return LEFT_OUT
-        return ExpressionWriter(self._module, Scope(), self._module.given).value(expression)
+        return ExpressionWriter(self._module, FieldScope(), self._module.given).value(expression)
 
     # ---- texts --------------------------------------------------------------------------------------------
 

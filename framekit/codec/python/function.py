@@ -6,9 +6,9 @@ import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
-from framekit.codec.python.expressions import ExpressionWriter, Scope, entries_read
+from framekit.codec.python.expressions import ExpressionWriter, FieldScope, entries_read
 from framekit.codec.python.facts import (
-    Target,
+    PathTarget,
     fixed_and_conditional,
     is_followed,
     lengths_asked,
@@ -93,7 +93,7 @@ class FunctionWriter:
             self.hoisted[name] = self.names.fresh(name)
         return self.hoisted[name]
 
-    def sizes_of(self, placed: Iterable[tuple[Segment, Scope]], level: int) -> tuple[int, list[str]]:
+    def sizes_of(self, placed: Iterable[tuple[Segment, FieldScope]], level: int) -> tuple[int, list[str]]:
         """Return the total size of the unconditional segments, and the source of the size of each other segment.
 
         The segments have a fixed size when present.
@@ -108,7 +108,7 @@ class FunctionWriter:
         for name, local in self.hoisted.items():
             out.add(f"{local} = {self.module.given(name)}")
 
-    def writer(self, scope: Scope) -> ExpressionWriter:
+    def writer(self, scope: FieldScope) -> ExpressionWriter:
         return ExpressionWriter(self.module, scope, self.context)
 
     def may_be_negative(self, size: Node) -> bool:
@@ -199,13 +199,13 @@ class Function(FunctionWriter):
 
     # ---- names --------------------------------------------------------------------------------------------
 
-    def local(self, name: str, scope: Scope) -> str:
+    def local(self, name: str, scope: FieldScope) -> str:
         """Return the local of a field; fields of the same name in several cases of a choice share a local."""
         if name in scope.entries and scope.entries[name].text:
             return scope.entries[name].text
         return self.names.fresh(name)
 
-    def waits_for(self, expression: Expression, scope: Scope) -> bool:
+    def waits_for(self, expression: Expression, scope: FieldScope) -> bool:
         """Return whether an expression reads fields that are not available yet."""
         entries = entries_read(expression.root, scope, self.field_names)
         return any(entry is None or not entry.is_read for entry in entries)
@@ -343,7 +343,7 @@ class Function(FunctionWriter):
             return False
         return self.trail.index(before) + 1 == self.trail.index(path)
 
-    def room(self, targets: Mapping[str, Target], *, plain: bool) -> str:
+    def room(self, targets: Mapping[str, PathTarget], *, plain: bool) -> str:
         """Return the source of the size of these segments in bytes, after all are read.
 
         `plain`: their size in memory.

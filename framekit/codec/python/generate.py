@@ -18,12 +18,19 @@ from framekit.codec.python.choices import choice_text, tree_of
 from framekit.codec.python.decode import write_decoder, write_pairs
 from framekit.codec.python.diagnosis import write_diagnosis
 from framekit.codec.python.encode import write_encoder
-from framekit.codec.python.flat import Level, inner_frames, levels_of, rows_of, write_builder, write_plain_builder
+from framekit.codec.python.flat import (
+    NestingLevel,
+    inner_frames,
+    levels_of,
+    rows_of,
+    write_builder,
+    write_plain_builder,
+)
 from framekit.codec.python.measure import write_extent, write_measurer
 from framekit.codec.python.module import BUILT_IN, Module, inlined_names, used_methods
 from framekit.codec.python.reader import not_possible
 from framekit.codec.python.runtime_diagnosis import Diagnosis
-from framekit.codec.python.source import Names, Source, identifier, literal, quoted
+from framekit.codec.python.source import Source, UniqueNames, identifier, literal, quoted
 from framekit.definition.expression import Conditional, Expression, Number
 from framekit.definition.kinds.repeat import ITEM_WORDS
 from framekit.definition.model.frames import Frame, Layout, everything, names_read
@@ -209,14 +216,14 @@ class ModuleWriter:
         self.helpers = inlined_names()
         self.identifiers: dict[str, str] = {}
         parts = [helper.partition("_") for helper in self.helpers]
-        self.names = Names(name for what, _, name in parts if what in (*_FUNCTIONS, "extent"))
+        self.names = UniqueNames(name for what, _, name in parts if what in (*_FUNCTIONS, "extent"))
         self.layouts: dict[str, str] = {}
         self.frames_part: list[Source] = []
         self.diagnose_part: list[Source] = []
         self.extents: set[str] = set()
         self.fused: dict[str, tuple[str, int]] = {}
         self.builders: dict[tuple[str, ...], str] = {}
-        self.builder_names = Names(self.helpers)
+        self.builder_names = UniqueNames(self.helpers)
 
     def text(self) -> str:
         """Return the source of the module."""
@@ -276,7 +283,7 @@ class ModuleWriter:
                 for levels in islice(rows_of(self.protocol.frames, name), MOST_BUILDERS):
                     self._builder(levels)
 
-    def _builder(self, levels: tuple[Level, ...]) -> None:
+    def _builder(self, levels: tuple[NestingLevel, ...]) -> None:
         frames = tuple(level.frame.name for level in levels)
         found = self.builder_names.take(builder_name(frames))
         encoder, context = f"encode_{self.identifiers[frames[0]]}", "ctx: Context = DEFAULTS"

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 
 from framekit.codec.python import forms
 from framekit.codec.python.choices import fixed_bytes
-from framekit.codec.python.expressions import NameEntry, Scope, default_text, entries_read, may_fail
+from framekit.codec.python.expressions import FieldScope, NameEntry, default_text, entries_read, may_fail
 from framekit.codec.python.facts import (
     code_before_end,
     ending_checks,
@@ -41,7 +41,7 @@ from framekit.definition.model.segments import (
     Value,
 )
 
-Pairs = tuple[tuple[Segment, Scope], ...]
+Pairs = tuple[tuple[Segment, FieldScope], ...]
 """Segments, each with the scope of its names."""
 
 
@@ -109,9 +109,9 @@ class MeasureWriter(FunctionWriter):
         self.tracked = {path for check in ending_checks(segments) for path in covered_paths(check, segments)}
         self.passed: list[tuple[str, Offset, Offset]] = []
 
-    def pairs(self, segments: tuple[Segment, ...], scope: Scope) -> Pairs:
+    def pairs(self, segments: tuple[Segment, ...], scope: FieldScope) -> Pairs:
         """Return the segments with those of records inlined."""
-        found: list[tuple[Segment, Scope]] = []
+        found: list[tuple[Segment, FieldScope]] = []
         for segment in segments:
             if segment.is_record and segment.when is None:
                 found.extend(self.pairs(segment.members, self._inside(segment, scope)))
@@ -119,20 +119,20 @@ class MeasureWriter(FunctionWriter):
                 found.append((segment, scope))
         return tuple(found)
 
-    def _inside(self, record: Segment, scope: Scope) -> Scope:
+    def _inside(self, record: Segment, scope: FieldScope) -> FieldScope:
         """Return the scope of a record, shared by records of the same name in several cases."""
         (name,) = record.value_names
         known = scope.entries.get(name)
-        inside = Scope(scope, record.members) if known is None or known.inside is None else known.inside
+        inside = FieldScope(scope, record.members) if known is None or known.inside is None else known.inside
         scope.entries[name] = NameEntry(name, "record", inside, direct=True)
         self.paths[id(inside)] = f"{self.path_of(scope)}[{quoted(name)}]"
         return inside
 
-    def path_of(self, scope: Scope) -> str:
+    def path_of(self, scope: FieldScope) -> str:
         """Return the source of the mapping in which the careful function stores the values of a scope."""
         return self.paths.get(id(scope), "fields")
 
-    def absent(self, segments: Iterable[Segment], scope: Scope, wrapped: bool = False) -> None:
+    def absent(self, segments: Iterable[Segment], scope: FieldScope, wrapped: bool = False) -> None:
         """Write None into needed names whose segments may be absent.
 
         `wrapped`: the segments are in a wrap, whose records are read as single values.
@@ -150,13 +150,13 @@ class MeasureWriter(FunctionWriter):
 
     # ---- texts --------------------------------------------------------------------------------------------
 
-    def text(self, expression: Expression, scope: Scope, level: int = 0) -> str:
+    def text(self, expression: Expression, scope: FieldScope, level: int = 0) -> str:
         """Return the source of an expression; if it can fail, the function will return LOST on an error."""
         if may_fail(expression.root) or _names_of(expression) & self.maybe_absent:
             self.may_fail = True
         return self.writer(scope).text(expression, level)
 
-    def size_text(self, expression: Expression, scope: Scope, level: int = SUM) -> str:
+    def size_text(self, expression: Expression, scope: FieldScope, level: int = SUM) -> str:
         """Return the source of a size, with a check for negative values.
 
         A negative size ends the frame with LOST, or with 0 if no field of the frame is part of it.
@@ -171,7 +171,7 @@ class MeasureWriter(FunctionWriter):
             self.add("return LOST" if by_fields else "return 0")
         return local
 
-    def set_value(self, name: str, scope: Scope, text: str, record: Segment | None = None) -> str:
+    def set_value(self, name: str, scope: FieldScope, text: str, record: Segment | None = None) -> str:
         """Write the assignment of a value to the local of its name.
 
         All fields of a `record` are in one local, which may be None.
@@ -270,7 +270,7 @@ class MeasureWriter(FunctionWriter):
                 self.add("return LOST")
         self.add("return size if size <= end - start else end - start - size")
 
-    def number(self, segment: Number, scope: Scope, after: Pairs) -> None:
+    def number(self, segment: Number, scope: FieldScope, after: Pairs) -> None:
         needed = any(name in self.needed for name in segment.value_names)
         type_ = segment.type
         if isinstance(segment, Field) and segment.long is not None:
@@ -297,7 +297,7 @@ class MeasureWriter(FunctionWriter):
         self.add(f"stop = at + {size}")
         self.want_until("stop", after)
 
-    def _read(self, segment: Number, scope: Scope, first: Offset, last: Offset) -> None:
+    def _read(self, segment: Number, scope: FieldScope, first: Offset, last: Offset) -> None:
         wire = self.wire(segment.type, first, last)
         if isinstance(segment, Bits):
             whole = self.names.fresh("bits")
@@ -328,7 +328,7 @@ class MeasureWriter(FunctionWriter):
         )
         return forms.parse(self.module, type_.before_end, between("data", first, last))
 
-    def _long(self, field: Field, scope: Scope, after: Pairs) -> None:
+    def _long(self, field: Field, scope: FieldScope, after: Pairs) -> None:
         assert field.long is not None
         short, longer = field.type.fixed_size or 1, field.long.type.fixed_size or 0
         self.want(short, after)
@@ -343,7 +343,7 @@ class MeasureWriter(FunctionWriter):
         if field.name in self.needed and forms.changes_value(field):
             self.add(f"{local} = {forms.value_of(field, local)}")
 
-    def _text(self, segment: Number, scope: Scope, after: Pairs, needed: bool) -> None:
+    def _text(self, segment: Number, scope: FieldScope, after: Pairs, needed: bool) -> None:
         """Measure a text with an end mark, or a text that takes the rest."""
         type_ = segment.type
         if not type_.is_delimited:
@@ -427,7 +427,7 @@ class MeasureWriter(FunctionWriter):
         found = (place for place, (one, _) in enumerate(after) if isinstance(one, Const) and one.when is None)
         return next(found, None)
 
-    def _is_told(self, segment: Segment, scope: Scope) -> bool:
+    def _is_told(self, segment: Segment, scope: FieldScope) -> bool:
         """Return whether the presence of the segment is already known."""
         when = segment.when
         return when is None or None not in entries_read(when.root, scope, self.field_names)
@@ -473,8 +473,8 @@ class MeasureWriter(FunctionWriter):
                 out.extend(self.out)
         return out
 
-    def write(self, frame: Frame | None, scope: Scope | None = None) -> None:
-        scope = Scope(scope)
+    def write(self, frame: Frame | None, scope: FieldScope | None = None) -> None:
+        scope = FieldScope(scope)
         self._compare_start()
         try:
             if frame is not None and frame.delimited and frame.tail:
@@ -579,7 +579,7 @@ class MeasureWriter(FunctionWriter):
         self.place = Offset("at", 0)
         return finished
 
-    def _conditional(self, segment: Segment, scope: Scope, behind: Pairs) -> None:
+    def _conditional(self, segment: Segment, scope: FieldScope, behind: Pairs) -> None:
         assert segment.when is not None
         present = without_when(segment)
         names = [name for name in segment.value_names if name in self.needed]
@@ -604,7 +604,7 @@ class MeasureWriter(FunctionWriter):
                     self.maybe_absent.add(name)
                 self.add(f"{scope.entries[name].text} = {text}")
 
-    def _else_absent(self, segment: Segment, scope: Scope) -> None:
+    def _else_absent(self, segment: Segment, scope: FieldScope) -> None:
         """Write the values of the names in an absent segment."""
         out, self.out = self.out, Source()
         self.absent((segment,), scope)
@@ -616,7 +616,7 @@ class MeasureWriter(FunctionWriter):
 
 def _whole(text: str, record: Segment) -> NameEntry:
     """Return the entry of a record that is held as one value, as are its inner records; each of them may be None."""
-    inside = Scope()
+    inside = FieldScope()
     inside.entries = {one.name: _whole("", one) for one in flat(record.members) if one.is_record and one.name}
     return NameEntry(text, "record", inside, may_be_absent=True)
 

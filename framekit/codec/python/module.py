@@ -22,8 +22,8 @@ from framekit.codec import ciphers, stuffing, support
 from framekit.codec.checks import FUNCTIONS, source_of
 from framekit.codec.python import runtime, runtime_diagnosis
 from framekit.codec.python.choices import in_order
-from framekit.codec.python.expressions import ExpressionWriter, NameEntry, Scope
-from framekit.codec.python.source import OWN_WORDS, Code, Identifiers, Names, Source, literal, quoted, text_source
+from framekit.codec.python.expressions import ExpressionWriter, FieldScope, NameEntry
+from framekit.codec.python.source import OWN_WORDS, Code, Identifiers, Source, UniqueNames, literal, quoted, text_source
 from framekit.definition.expression import BIT_AND
 from framekit.definition.model.checks import CheckMethod
 from framekit.definition.model.frames import StaticSizes, everything
@@ -152,7 +152,7 @@ def _names_of_added() -> Mapping[tuple[str, str], str]:
 
     Two functions of one name get different names; an import of several modules appears once.
     """
-    names = Names({*dir(builtins), *OWN_WORDS, *(name for one in _INLINED[:OWN_HELPERS] for name in vars(one))})
+    names = UniqueNames({*dir(builtins), *OWN_WORDS, *(name for one in _INLINED[:OWN_HELPERS] for name in vars(one))})
     imported = {one: name for module in _INLINED[:OWN_HELPERS] for name, one in _imports_of(module).items()}
     found: dict[tuple[str, str], str] = {}
 
@@ -512,7 +512,7 @@ class Module:
         """Return the function of a check whose bytes an expression computes."""
         assert method.expression is not None
         out = Source()
-        scope = Scope()
+        scope = FieldScope()
         scope.entries = {"data": NameEntry("data")}
         with out.block(f"def {name}(data: bytes, ctx: Context) -> Any:"):
             out.docstring(f"Return the check code `{method.name}`: {method.expression}.")
@@ -562,6 +562,6 @@ def _step_table(module: Module, method: CheckMethod, mask: int) -> str | None:
 
 def _step(module: Module, method: CheckMethod, acc: str, byte: str) -> str:
     assert method.expression is not None
-    scope = Scope()
+    scope = FieldScope()
     scope.entries = {"acc": NameEntry(acc), "byte": NameEntry(byte)}
     return ExpressionWriter(module, scope, module.given).text(method.expression, BIT_AND)

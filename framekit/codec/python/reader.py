@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from framekit.codec.checks import residue_of
 from framekit.codec.python import forms
-from framekit.codec.python.expressions import Kind, NameEntry, Scope, constant_of, default_text
+from framekit.codec.python.expressions import FieldScope, Kind, NameEntry, constant_of, default_text
 from framekit.codec.python.forms import code_text, is_call
 from framekit.codec.python.function import (
     MISMATCH,
@@ -35,11 +35,11 @@ START = Offset("", 0)
 
 
 @dataclass(frozen=True, slots=True)
-class Item:
+class ScopedSegment:
     """A segment with the scope of its names and the dictionary of its values."""
 
     segment: Segment
-    scope: Scope
+    scope: FieldScope
     fields: Fields
 
 
@@ -55,7 +55,7 @@ _FEW_BYTES = 4
 class Slot:
     """A segment of a run."""
 
-    item: Item
+    item: ScopedSegment
     size: int
     code: str
     """Its struct code."""
@@ -135,21 +135,21 @@ class BufferReader:
         self.list_end = ""
         """The local with the end of the enclosing list, if the list extends to the end of its region."""
 
-    def items(self, segments: Iterable[Segment], scope: Scope, fields: Fields) -> list[Item]:
+    def items(self, segments: Iterable[Segment], scope: FieldScope, fields: Fields) -> list[ScopedSegment]:
         """Return the segments with those of records inlined, so that structs may extend across record borders."""
-        found: list[Item] = []
+        found: list[ScopedSegment] = []
         for segment in segments:
             if segment.is_record and segment.when is None:
                 found.extend(self.record_items(segment, scope, fields))
             else:
-                found.append(Item(segment, scope, fields))
+                found.append(ScopedSegment(segment, scope, fields))
         return found
 
-    def record_items(self, record: Segment, scope: Scope, fields: Fields) -> list[Item]:
+    def record_items(self, record: Segment, scope: FieldScope, fields: Fields) -> list[ScopedSegment]:
         """Return the items of a record, with a scope and a dictionary of their own."""
         (name,) = record.value_names
         inner = Fields(self.function.local(name, scope), (fields, name))
-        inside = Scope(scope, record.members)
+        inside = FieldScope(scope, record.members)
         scope.entries[name] = NameEntry(inner.variable, "record", inside, direct=True, record=inner)
         return self.items(record.members, inside, inner)
 
@@ -174,7 +174,7 @@ class BufferReader:
         self.function.add(f"start = {place.text(self.buffer)}")
         return Offset("start", 0)
 
-    def take(self, item: Item, size: str) -> tuple[Offset, Offset]:
+    def take(self, item: ScopedSegment, size: str) -> tuple[Offset, Offset]:
         """Return the start and end offset of a segment; `size` is the source of its size (at most a sum)."""
         first = self.keep(self.place)
         start = first.text(self.buffer)
@@ -182,7 +182,7 @@ class BufferReader:
         self.function.stands(item.segment, self.buffer, first, self.place)
         return first, self.place
 
-    def region_end(self, after: tuple[Item, ...]) -> Offset:
+    def region_end(self, after: tuple[ScopedSegment, ...]) -> Offset:
         """Return the end of a segment that extends to the following segments."""
         told = all(self.static.present(item.segment).fixed is not None and self._is_told(item) for item in after)
         if after and (self.in_item or not told):
@@ -195,18 +195,18 @@ class BufferReader:
         self.function.add(f"{end} = {' - '.join(parts)}")
         return Offset(end, 0)
 
-    def knows_behind(self, after: tuple[Item, ...]) -> bool:
+    def knows_behind(self, after: tuple[ScopedSegment, ...]) -> bool:
         """Return whether the size of the following bytes is already known."""
         return not self.in_item and all(
             self.static.present(item.segment).fixed is not None and self._is_told(item) for item in after
         )
 
-    def _is_told(self, item: Item) -> bool:
+    def _is_told(self, item: ScopedSegment) -> bool:
         """Return whether the presence of the segment is already known."""
         when = item.segment.when
         return when is None or not self.function.waits_for(when, item.scope)
 
-    def _next_constant(self, item: Item) -> Offset:
+    def _next_constant(self, item: ScopedSegment) -> Offset:
         """Return the offset of the constant that ends the segments before it."""
         if not isinstance(item.segment, Const) or item.segment.when is not None:
             raise without_end(item.segment)
@@ -215,7 +215,7 @@ class BufferReader:
         self.function.add(f"{end} = {self.buffer}.index({bytes_literal(item.segment.data)}, {start})")
         return Offset(end, 0)
 
-    def take_rest(self, item: Item, after: tuple[Item, ...]) -> tuple[Offset, Offset]:
+    def take_rest(self, item: ScopedSegment, after: tuple[ScopedSegment, ...]) -> tuple[Offset, Offset]:
         """Return the start and end offset of a segment that takes all bytes up to the following segments."""
         if self.in_item and not after:
             what = f"nothing shows where {item.segment.title} ends in an item of a list"
@@ -248,7 +248,7 @@ class BufferReader:
     # ---- names and conditions -----------------------------------------------------------------------------
 
     def declare(
-        self, item: Item, name: str, local: str, kind: Kind = "value", inside: Scope | None = None, *,
+        self, item: ScopedSegment, name: str, local: str, kind: Kind = "value", inside: FieldScope | None = None, *,
         sized: bool = True, wire: str | None = None,
     ) -> None:  # fmt: skip
         """Record that the value `name` of a segment is in `local` from now on."""
@@ -256,7 +256,7 @@ class BufferReader:
         self.function.locals_of_values[item.segment.sibling_path(name)] = local
         item.fields.add(name, local)
 
-    def when_known(self, expression: Expression, scope: Scope, action: Callable[[], None]) -> None:
+    def when_known(self, expression: Expression, scope: FieldScope, action: Callable[[], None]) -> None:
         """Call an action immediately, or after the fields that the expression reads are available."""
         if self.function.waits_for(expression, scope):
             self.deferred.append(Comparison(action, lambda: not self.function.waits_for(expression, scope)))
@@ -272,7 +272,7 @@ class BufferReader:
             else:
                 self.deferred.append(one)
 
-    def size_text(self, expression: Expression, scope: Scope, level: int = SUM) -> str:
+    def size_text(self, expression: Expression, scope: FieldScope, level: int = SUM) -> str:
         """Return the source of a size; a size that may be negative is assigned to a local and checked."""
         text = self.function.writer(scope).text(expression, level)
         if not self.function.may_be_negative(expression.root):
@@ -282,7 +282,7 @@ class BufferReader:
         self.function.mismatch_if(f"{local} < 0")
         return local
 
-    def validate_field(self, item: Item, field: Field, local: str) -> None:
+    def validate_field(self, item: ScopedSegment, field: Field, local: str) -> None:
         self.validate_value(item.scope, field.is_, field.constants, local)
         if field.only and field.values is not None and field.constants is None:
             self._validate_among(local, tuple(field.values), field)
@@ -290,7 +290,7 @@ class BufferReader:
 
     def validate_value(
         self,
-        scope: Scope,
+        scope: FieldScope,
         is_: Expression | None,
         constants: tuple[int | str | bytes, ...] | None,
         local: str,
@@ -333,7 +333,7 @@ class BufferReader:
 
     # ---- check codes --------------------------------------------------------------------------------------
 
-    def validate_check(self, check: Check, scope: Scope, local: str, is_slice: bool) -> None:
+    def validate_check(self, check: Check, scope: FieldScope, local: str, is_slice: bool) -> None:
         """Compare a check code that was read into `local` with the code of its range."""
         if covers_later(check, self.function.segments):
             if self.function.in_branch:
@@ -346,7 +346,7 @@ class BufferReader:
         else:
             self._compare_check(check, scope, local, is_slice)
 
-    def _compare_check(self, check: Check, scope: Scope, local: str, is_slice: bool) -> None:
+    def _compare_check(self, check: Check, scope: FieldScope, local: str, is_slice: bool) -> None:
         key = forms.needs(check, self.function.writer(scope).text)
         code = code_text(self.module, check, self.range_text(check, scope), key)
         found = forms.code_number(self.module, check, local) if is_slice else local
@@ -367,7 +367,7 @@ class BufferReader:
         code = self.module.check(check.method, covered)
         self.function.wrong_if(f"({code}) != {residue:#x}" if not is_call(code) or residue else code)
 
-    def range_text(self, check: Check, scope: Scope) -> str:
+    def range_text(self, check: Check, scope: FieldScope) -> str:
         """Return the source of the bytes that a check covers; the check itself begins at the current offset."""
         if check.covers is None:
             return between(self.buffer, START, self.place)
@@ -397,7 +397,7 @@ class BufferReader:
             return between(self.buffer, first.first, self.place)
         return between(first.buffer, first.first, self.function.bounds[paths[-1]].last)
 
-    def length_of_run(self, items: list[Item]) -> int:
+    def length_of_run(self, items: list[ScopedSegment]) -> int:
         """Return how many of the first items fit into one struct."""
         order = ""
         for count, item in enumerate(items):
@@ -409,7 +409,7 @@ class BufferReader:
             order = order or wanted
         return len(items)
 
-    def read_run(self, items: list[Item], whole: bool, last: bool) -> None:
+    def read_run(self, items: list[ScopedSegment], whole: bool, last: bool) -> None:
         """Write the reading of a run.
 
         `whole`: the run is the whole buffer, so that the struct checks the buffer's size; `last`: no bytes follow.
@@ -443,7 +443,7 @@ class BufferReader:
 
     # ---- unpacking ----------------------------------------------------------------------------------------
 
-    def _slot(self, item: Item) -> Slot:
+    def _slot(self, item: ScopedSegment) -> Slot:
         size = self.static.present(item.segment).fixed or 0
         slot: Slot = kind_of(item.segment).slot(self, item, item.segment, size)
         return slot
@@ -570,18 +570,18 @@ class BufferReader:
         raw = f"unhexlify({source})"
         return f"{raw}[0]" if places == 1 else f"int.from_bytes({raw}, {quoted(type_.order)})"
 
-    def sized_number(self, item: Item, segment: Length | Count | Bits) -> str:
+    def sized_number(self, item: ScopedSegment, segment: Length | Count | Bits) -> str:
         """Return the source of an encoded number of computed size."""
         size = segment.type.size
         first, last = self.take(item, self.size_text(size, item.scope) if isinstance(size, Expression) else str(size))
         return forms.parse(self.module, segment.type, between(self.buffer, first, last))
 
-    def conditional(self, items: list[Item], after: tuple[Item, ...]) -> None:
+    def conditional(self, items: list[ScopedSegment], after: tuple[ScopedSegment, ...]) -> None:
         """Write the reading of segments under a common condition; an absent field has its default."""
         first = items[0]
         assert first.segment.when is not None
         condition = self.function.writer(first.scope).text(first.segment.when)
-        inside = [Item(without_when(item.segment), item.scope, item.fields) for item in items]
+        inside = [ScopedSegment(without_when(item.segment), item.scope, item.fields) for item in items]
         if all(self._is_known_condition(one) for one in inside):
             text = self.function.writer(first.scope).text(first.segment.when, AND)
             for item in inside:
@@ -591,13 +591,16 @@ class BufferReader:
             return
         self._branches([(f"if {condition}:", inside)], after, items)
 
-    def _is_known_condition(self, item: Item) -> bool:
+    def _is_known_condition(self, item: ScopedSegment) -> bool:
         """Return whether the item is a `require` whose condition can already be evaluated."""
         condition = item.segment.condition
         return condition is not None and not self.function.waits_for(condition, item.scope)
 
     def _branches(
-        self, branches: list[tuple[str, list[Item]]], after: tuple[Item, ...], absent: Iterable[Item]
+        self,
+        branches: list[tuple[str, list[ScopedSegment]]],
+        after: tuple[ScopedSegment, ...],
+        absent: Iterable[ScopedSegment],
     ) -> None:
         """Write cases of which at most one is taken; if none is, the items in `absent` get their defaults."""
         function = self.function
@@ -627,13 +630,17 @@ class BufferReader:
             item.fields.add(item.segment.name, item.scope.entries[item.segment.name].text)
 
     def _branch(
-        self, items: list[Item], after: tuple[Item, ...], unconditional: set[tuple[int, str | None]], flags: _Flags
+        self,
+        items: list[ScopedSegment],
+        after: tuple[ScopedSegment, ...],
+        unconditional: set[tuple[int, str | None]],
+        flags: _Flags,
     ) -> None:
         """Write the segments of a case.
 
         `unconditional`: mapping and name of the values that are added after all cases.
         """
-        expanded: list[Item] = []
+        expanded: list[ScopedSegment] = []
         for item in items:
             if item.segment.is_record and item.segment.when is None:
                 expanded.extend(self.record_items(item.segment, item.scope, item.fields))
@@ -679,7 +686,9 @@ class BufferReader:
 
         self.deferred.append(Comparison(write, lambda: all(one.is_ready() for one in left)))
 
-    def _else_lines(self, known: list[tuple[Scope, set[str]]], defaults: list[Item], items: list[Item]) -> list[str]:
+    def _else_lines(
+        self, known: list[tuple[FieldScope, set[str]]], defaults: list[ScopedSegment], items: list[ScopedSegment]
+    ) -> list[str]:
         """Return the lines for no chosen branch: defaults, and None for names that expressions may read."""
         function = self.function
         lines, done = [], {item.segment.name for item in defaults}
@@ -706,7 +715,7 @@ class BufferReader:
                         item.scope.entries[name].wire = function.wire_size(segment.path)
         return lines
 
-    def prepare_names(self, items: list[Item]) -> None:
+    def prepare_names(self, items: list[ScopedSegment]) -> None:
         """Declare a local for each name of a case that expressions elsewhere may read."""
         function = self.function
         for item in items:
@@ -718,7 +727,7 @@ class BufferReader:
                         item.scope.entries[name] = NameEntry(local, is_read=False)
 
     def branches_of_choice(
-        self, branches: list[tuple[str, list[Item]]], after: tuple[Item, ...], *, fault: bool
+        self, branches: list[tuple[str, list[ScopedSegment]]], after: tuple[ScopedSegment, ...], *, fault: bool
     ) -> None:
         function = self.function
         function.flush()
@@ -737,7 +746,7 @@ class BufferReader:
             with function.out.block("else:"):
                 function.add(MISMATCH)
 
-    def read(self, segments: Iterable[Segment], scope: Scope, fields: Fields, *, all_is_read: bool = True) -> None:
+    def read(self, segments: Iterable[Segment], scope: FieldScope, fields: Fields, *, all_is_read: bool = True) -> None:
         """Write the reading of the segments of a buffer or item; `all_is_read`: no other part of the frame follows."""
         items = self.items(segments, scope, fields)
         self.read_items(items, ())
@@ -745,7 +754,7 @@ class BufferReader:
         for item in items:
             item.fields.attach()
 
-    def read_items(self, items: list[Item], after: tuple[Item, ...]) -> None:
+    def read_items(self, items: list[ScopedSegment], after: tuple[ScopedSegment, ...]) -> None:
         place = 0
         while place < len(items):
             item = items[place]
@@ -832,7 +841,7 @@ def _join_as_digits(chunk: Chunk, slot: Slot) -> bool:
     return len({type_.order for type_ in types if type_.fixed_size != 2}) <= 1
 
 
-def _same_condition(items: list[Item], start: int) -> int:
+def _same_condition(items: list[ScopedSegment], start: int) -> int:
     """Return how many segments from `start` on have the same `when`."""
     first, count = items[start], 1
     for item in items[start + 1 :]:

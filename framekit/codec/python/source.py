@@ -306,7 +306,7 @@ def constant_name(*names: str) -> str:
     return identifier("_".join(identifier(name).strip("_") for name in names)).upper()
 
 
-class Names:
+class UniqueNames:
     """Give out each name once, equal names numbered `NAME_2`, `NAME_3` …, in time that does not grow with their number.
 
     `taken`: names that are never given out.
@@ -339,7 +339,7 @@ class Identifiers:
     """Give out identifiers that are free. `reserved`: names that are never given out."""
 
     def __init__(self, reserved: Iterable[str] = ()) -> None:
-        self._names = Names({*reserved, *_PYTHON})
+        self._names = UniqueNames({*reserved, *_PYTHON})
 
     def fresh(self, name: str) -> str:
         """Return `name` as a free identifier, numbered `NAME_`, `NAME_2`, `NAME_3` … if the name is taken."""

@@ -16,9 +16,9 @@ from framekit.definition.model.services import (
     NUMBER_BITS,
     UNIT_BITS,
     AddressForm,
-    Area,
+    AreaModel,
+    FormPart,
     Maybe,
-    Part,
     ServiceRow,
     mentions_of,
 )
@@ -30,7 +30,7 @@ _UNIT = re.compile(r"[1-9]\d* bytes?")
 
 
 def check_forms(
-    forms: tuple[AddressForm, ...], areas: Mapping[str, Area], tables: Mapping[str, Table]
+    forms: tuple[AddressForm, ...], areas: Mapping[str, AreaModel], tables: Mapping[str, Table]
 ) -> Iterator[Problem]:
     """Report all problems of the forms of an `addresses` section."""
     columns = {name for area in areas.values() for name in area.columns}
@@ -65,15 +65,15 @@ def is_unit(text: str) -> bool:
     return text in UNIT_BITS or _UNIT.fullmatch(text) is not None
 
 
-def parts_in(form: AddressForm) -> Iterator[Part]:
+def parts_in(form: AddressForm) -> Iterator[FormPart]:
     """Yield the parts in braces, including those in optional text."""
     for item in form.parts:
         for part in item.parts if isinstance(item, Maybe) else (item,):
-            if isinstance(part, Part):
+            if isinstance(part, FormPart):
                 yield part
 
 
-def _start(form: AddressForm, parts: tuple[Part, ...]) -> Iterator[Problem]:
+def _start(form: AddressForm, parts: tuple[FormPart, ...]) -> Iterator[Problem]:
     if "start" not in form.results and not any(part.name == "start" for part in parts):
         what = f'the form "{form.text}" does not say where a place is'
         yield Problem(form.at, what, "add {start:dec} to it, or start: EXPRESSION")
@@ -89,13 +89,13 @@ def _start(form: AddressForm, parts: tuple[Part, ...]) -> Iterator[Problem]:
         yield Problem(circle[-1].at, what, "break the circle")
 
 
-def _area(form: AddressForm, parts: tuple[Part, ...]) -> Iterator[Problem]:
+def _area(form: AddressForm, parts: tuple[FormPart, ...]) -> Iterator[Problem]:
     if form.area is None and not any(part.what in ("area", "column") for part in parts):
         what = f'the form "{form.text}" does not say which area it is'
         yield Problem(form.at, what, "add {area} to it, or area: NAME")
 
 
-def _part(form: AddressForm, part: Part, areas: Mapping[str, Area], columns: set[str]) -> Iterator[Problem]:
+def _part(form: AddressForm, part: FormPart, areas: Mapping[str, AreaModel], columns: set[str]) -> Iterator[Problem]:
     if part.what == "column" and part.name not in columns and areas:
         yield Problem(form.at, f"no area has a column '{part.name}'", did_you_mean(part.name, columns))
     if isinstance(part.base, str):
@@ -109,7 +109,7 @@ def _part(form: AddressForm, part: Part, areas: Mapping[str, Area], columns: set
         yield Problem(form.at, f"{part.least}-{part.most} places cannot be", f"write {part.most}-{part.least}")
 
 
-def _base(form: AddressForm, base: str, areas: Mapping[str, Area]) -> Iterator[Problem]:
+def _base(form: AddressForm, base: str, areas: Mapping[str, AreaModel]) -> Iterator[Problem]:
     """Report wrong uses of a number whose base (dec, hex or oct) is given by a column of the area."""
     having = [area for area in areas.values() if base in area.columns]
     if not having:
@@ -127,7 +127,7 @@ def _base(form: AddressForm, base: str, areas: Mapping[str, Area]) -> Iterator[P
 
 
 def _unit(
-    form: AddressForm, parts: tuple[Part, ...], areas: Mapping[str, Area], tables: Mapping[str, Table]
+    form: AddressForm, parts: tuple[FormPart, ...], areas: Mapping[str, AreaModel], tables: Mapping[str, Table]
 ) -> Iterator[Problem]:
     units = {*UNIT_BITS, *(area.unit for area in areas.values())}
     if form.unit is not None and form.unit not in units and not _UNIT.fullmatch(form.unit):
@@ -142,7 +142,7 @@ def _unit(
             yield Problem(form.at, what, did_you_mean(str(unit), units))
 
 
-def _ranges(form: AddressForm, parts: tuple[Part, ...]) -> Iterator[Problem]:
+def _ranges(form: AddressForm, parts: tuple[FormPart, ...]) -> Iterator[Problem]:
     """Report ranges for names that are no numbers of the form."""
     numbers = [part.name for part in parts if part.what == "number"]
     for name in form.ranges:
@@ -200,7 +200,7 @@ def _counts(form: AddressForm, tables: Mapping[str, Table]) -> Iterator[Problem]
 
 
 def _names(
-    form: AddressForm, parts: tuple[Part, ...], columns: set[str], tables: Mapping[str, Table]
+    form: AddressForm, parts: tuple[FormPart, ...], columns: set[str], tables: Mapping[str, Table]
 ) -> Iterator[Problem]:
     """Report unknown names in the results: known are parts, other results, tables, and columns as `area.NAME`."""
     known = {"area", *(part.name for part in parts), *form.results, *tables}

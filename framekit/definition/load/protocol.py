@@ -29,7 +29,7 @@ from framekit.definition.model.frames import Frame, Layout, attributes_in, names
 from framekit.definition.model.procedure import Role, Sequence, Session
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import Line, Parameter, Probe, Queue, Receiver, StateVariable, StationType
-from framekit.definition.model.services import AddressForm, Area, CommandRules, Errors, Refusal, ServiceRow
+from framekit.definition.model.services import AddressForm, AreaModel, CommandRules, Errors, Refusal, ServiceRow
 from framekit.definition.model.values import FrameOf, LayoutOf, ReadAs, Table
 from framekit.definition.nodes import Entry, Node, Scalar
 from framekit.definition.nodes import Mapping as MappingNode
@@ -207,11 +207,11 @@ class ProtocolLoader:
             return Namespace(self.reader, self.documents.source(path))
         return self.space
 
-    def _areas(self) -> tuple[dict[str, Area], tuple[AddressForm, ...]]:
+    def _areas(self) -> tuple[dict[str, AreaModel], tuple[AddressForm, ...]]:
         areas = {}
         for name, owned in self._elsewhere("areas").section("areas").items():
             with self.reader.going_on():
-                areas[name] = self._named(Area, owned.entry)
+                areas[name] = self._named(AreaModel, owned.entry)
         space = self._elsewhere("addresses")
         node = space.source.root.get("addresses")
         if node is None and space.source.application is not None:
@@ -248,7 +248,7 @@ class ProtocolLoader:
                 found.append(read_part(Refusal, services, item))
         return tuple(found)
 
-    def _layouts(self, parts: list[Any], areas: Mapping[str, Area]) -> dict[str, Layout]:
+    def _layouts(self, parts: list[Any], areas: Mapping[str, AreaModel]) -> dict[str, Layout]:
         """Return the layouts that are built or parsed by themselves; all other layouts are only included in frames."""
         wanted = {value.layout: value.at for value in parts_of(parts, LayoutOf)}
         wanted |= {value.layout: value.at for value in parts_of(parts, ReadAs)}

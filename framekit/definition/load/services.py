@@ -17,9 +17,9 @@ from framekit.definition.model.services import (
     BlockWork,
     CommandRules,
     Errors,
+    FormPart,
     Literally,
     Maybe,
-    Part,
     PlaceOf,
     ServiceRow,
     word,
@@ -155,7 +155,7 @@ class _Parts:
         self.at = form.at
         self.place = 0
 
-    def whole(self) -> tuple[Literally | Part | Maybe, ...]:
+    def whole(self) -> tuple[Literally | FormPart | Maybe, ...]:
         parts = self._until("")
         optional = sum(isinstance(part, Maybe) for part in parts)
         if optional > MOST_OPTIONAL:
@@ -163,8 +163,8 @@ class _Parts:
             raise self._error(f"it has {optional} optional parts, {MOST_OPTIONAL} are possible", todo)
         return parts
 
-    def _until(self, end: str) -> tuple[Literally | Part | Maybe, ...]:
-        parts: list[Literally | Part | Maybe] = []
+    def _until(self, end: str) -> tuple[Literally | FormPart | Maybe, ...]:
+        parts: list[Literally | FormPart | Maybe] = []
         literal = ""
         while self.place < len(self.text):
             sign = self.text[self.place]
@@ -190,7 +190,7 @@ class _Parts:
         self.place += 1
         return Maybe(tuple(part for part in parts if not isinstance(part, Maybe)))
 
-    def _part(self) -> Part:
+    def _part(self) -> FormPart:
         close = self.text.find("}", self.place)
         if close < 0:
             raise self._error("'}' is missing")
@@ -199,13 +199,13 @@ class _Parts:
         name = words[0].strip()
         if len(words) == 1:
             if name in ("area", "unit"):
-                return Part("area" if name == "area" else "unit", name)
-            return Part("column", name.partition(".")[2]) if name.startswith("area.") else Part("word", name)
+                return FormPart("area" if name == "area" else "unit", name)
+            return FormPart("column", name.partition(".")[2]) if name.startswith("area.") else FormPart("word", name)
         base = words[1].strip()
         if not re.fullmatch(r"[A-Za-z_]\w*", base):
             raise self._error(f"'{base}' is not a kind of number", "write dec, hex, oct, or a column of the areas")
         least, most = self._width(words[2] if len(words) > 2 else "")
-        return Part("number", name, BASES.get(base, base), least, most)
+        return FormPart("number", name, BASES.get(base, base), least, most)
 
     def _width(self, text: str) -> tuple[int | str | None, int | str | None]:
         if not text:

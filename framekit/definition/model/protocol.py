@@ -11,7 +11,7 @@ from framekit.definition.model.frames import Frame, Group, Layout, parts_of
 from framekit.definition.model.procedure import Action, Lane, Role, Sequence, Session, Step
 from framekit.definition.model.sections import Line, Parameter, Probe, Queue, Receiver, StateVariable, StationType
 from framekit.definition.model.segments import Inner
-from framekit.definition.model.services import AddressForm, Area, CommandRules, Errors, Refusal, ServiceRow
+from framekit.definition.model.services import AddressForm, AreaModel, CommandRules, Errors, Refusal, ServiceRow
 from framekit.definition.model.values import Table
 from framekit.definition.problems import NOWHERE, Position, Problem
 
@@ -43,7 +43,7 @@ class Protocol:
     sequences: Mapping[str, Sequence]
     roles: Mapping[str, Role]
     sessions: Mapping[str, Session]
-    areas: Mapping[str, Area]
+    areas: Mapping[str, AreaModel]
     addresses: tuple[AddressForm, ...]
     errors: Errors | None
     server_refusals: tuple[Refusal, ...]

@@ -239,13 +239,13 @@ def _elements(reading: KeyReading, node: Node) -> int:
 
 def _columns(reading: KeyReading) -> dict[str, Constant]:
     """Return the other keys of an area."""
-    own = {*properties_of(Area), "about"}
+    own = {*properties_of(AreaModel), "about"}
     columns = [entry for entry in reading.keys.read_all() if entry.key.text not in own]
     return {column.key.text: reading.reader.cell(column.value) for column in columns}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Area:
+class AreaModel:
     """A memory area of a device. `codes`: unit → name on the wire, the first unit is the default one.
 
     `element_bits` is the width of the default unit; `columns` are the definition's own; `layout`: the layout of a
@@ -283,7 +283,7 @@ BASES = {"dec": 10, "hex": 16, "oct": 8}
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class FormPart:
     """`{…}` of an address form.
 
     `what`: `area` (name), `column` (an area's column `name`), `unit` (a key of the units table), `number` or `word`.
@@ -302,7 +302,7 @@ class Part:
 class Maybe:
     """`[…]` of an address form: an optional part."""
 
-    parts: tuple[Literally | Part, ...]
+    parts: tuple[Literally | FormPart, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -310,7 +310,7 @@ class AddressForm:
     """A form of addresses."""
 
     text: str
-    parts: tuple[Literally | Part | Maybe, ...]
+    parts: tuple[Literally | FormPart | Maybe, ...]
     area: Expression | str | None
     unit: str | None
     """Unit of places in this form."""
@@ -356,7 +356,7 @@ class AddressForm:
     def names(self) -> set[str]:
         """Return the names that the form gives an address in addition to area and unit."""
         inside = [one for part in self.parts for one in (part.parts if isinstance(part, Maybe) else (part,))]
-        return {*self.results, *(one.name for one in inside if isinstance(one, Part))}
+        return {*self.results, *(one.name for one in inside if isinstance(one, FormPart))}
 
 
 def only_start(forms: Iterable[AddressForm], areas: Collection[str]) -> int | None:
@@ -365,7 +365,7 @@ def only_start(forms: Iterable[AddressForm], areas: Collection[str]) -> int | No
     return next(iter(starts)) if len(starts) == 1 else None
 
 
-def held_type(forms: Iterable[AddressForm], area: Area, unit: str) -> str | None:
+def held_type(forms: Iterable[AddressForm], area: AreaModel, unit: str) -> str | None:
     """Return the usual type of places of an area in a unit: the type of all address forms, else of the area."""
     own = area.type if unit == area.unit else None
     naming = (form for form in forms if form.may_name([area.name]))

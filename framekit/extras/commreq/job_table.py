@@ -36,7 +36,7 @@ from framekit.run.model import (
     OrderKind,
     OwnPlace,
 )
-from framekit.run.status import Event, JobCounters, JobStatus, TableCounters
+from framekit.run.status import IrregularEvent, JobCounters, JobStatus, TableCounters
 from framekit.run.status_bits import StatusImage
 
 
@@ -146,16 +146,16 @@ class EventLog:
 
     def __init__(self, profile: JobProfile) -> None:
         self._profile = profile
-        self._events: deque[Event] = deque(maxlen=profile.log)
+        self._events: deque[IrregularEvent] = deque(maxlen=profile.log)
         self.total = 0
 
     def add(self, name: str, at: int, slot: int | None = None, word: int = 0) -> None:
         """Add an event; drop the oldest event of a full log."""
         self.total += 1
         text, code = self._profile.text_of(word), self._profile.events.get(name)
-        self._events.append(Event(at=at, name=name, slot=slot, word=word, text=text, code=code))
+        self._events.append(IrregularEvent(at=at, name=name, slot=slot, word=word, text=text, code=code))
 
-    def __iter__(self) -> Iterator[Event]:
+    def __iter__(self) -> Iterator[IrregularEvent]:
         return iter(tuple(self._events))
 
     def __len__(self) -> int:

@@ -27,7 +27,7 @@ EVENTS = {
 }
 
 
-class Target(NamedTuple):
+class ArrowEnd(NamedTuple):
     """The end of an arrow: a step, the failure of the sequence with an outcome, or its good end (without a name)."""
 
     kind: Literal["step", "failed", "end"]
@@ -38,10 +38,10 @@ class Arrow(NamedTuple):
     """A transition of a step: event, condition and actions as a label, which may be empty, and the target."""
 
     label: str
-    target: Target
+    target: ArrowEnd
 
 
-class State(NamedTuple):
+class DiagramState(NamedTuple):
     """A step: its name, its actions in words, and its transitions, each once."""
 
     name: str
@@ -49,7 +49,7 @@ class State(NamedTuple):
     arrows: tuple[Arrow, ...]
 
 
-_Find = Callable[[str | None, str | None, str], Target]
+_Find = Callable[[str | None, str | None, str], ArrowEnd]
 """Returns the target for `then`, `fail` and the default for `then`."""
 
 LONGEST = 60
@@ -58,13 +58,13 @@ MOST_FRAMES = 3
 """Largest number of frames of a row that are named."""
 
 
-def sequence_states(sequence: Sequence) -> tuple[State, ...]:
+def sequence_states(sequence: Sequence) -> tuple[DiagramState, ...]:
     """Return the states of a sequence: one for each step, in order; the first one begins."""
     states = []
     for place, step in enumerate(sequence.steps):
         following = sequence.steps[place + 1].name if place + 1 < len(sequence.steps) else "end"
         arrows = dict.fromkeys(Arrow(label, target) for label, target in _arrows(sequence, step, following))
-        states.append(State(step.name, _does(step), tuple(arrows)))
+        states.append(DiagramState(step.name, _does(step), tuple(arrows)))
     return tuple(states)
 
 
@@ -150,17 +150,17 @@ def _does(step: Step) -> str:
     return " · ".join(words)
 
 
-def _arrows(sequence: Sequence, step: Step, following: str) -> Iterator[tuple[str, Target]]:
+def _arrows(sequence: Sequence, step: Step, following: str) -> Iterator[tuple[str, ArrowEnd]]:
     """Yield label and target of each transition of a step."""
 
-    def target(word: str | None, fail: str | None, default: str) -> Target:
+    def target(word: str | None, fail: str | None, default: str) -> ArrowEnd:
         if fail is not None:
-            return Target("failed", fail)
+            return ArrowEnd("failed", fail)
         word = default if word is None else word
         if word in ("again", "restart", "resend"):
-            return Target("step", step.name)
+            return ArrowEnd("step", step.name)
         word = following if word == "next" else word
-        return Target("end") if word == "end" else Target("step", word)
+        return ArrowEnd("end") if word == "end" else ArrowEnd("step", word)
 
     if step.when is not None:
         yield f"unless {_short(step.when)}", target(following, None, following)
@@ -179,7 +179,7 @@ def _waits(step: Step) -> bool:
     return step.receive is not None or step.call is not None or step.ask is not None
 
 
-def _action(action: Action, event: str, default: str, target: _Find) -> Iterator[tuple[str, Target]]:
+def _action(action: Action, event: str, default: str, target: _Find) -> Iterator[tuple[str, ArrowEnd]]:
     words = [event] if event else []
     if action.when is not None:
         words.append(f"[{_short(action.when)}]")

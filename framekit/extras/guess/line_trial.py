@@ -177,7 +177,7 @@ class HeardAt:
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class TrialResult:
     """Result of listening. `ranking`: best first; `text`: a sentence; `bits`: the evidence for each."""
 
     certainty: Certainty
@@ -191,7 +191,7 @@ class Verdict:
         return self.ranking[0].line if self.certainty in ("sure", "likely", "unsure") else None
 
 
-def judge(heard: Iterable[HeardAt], doubles: Iterable[HeardAt] = ()) -> Verdict:
+def judge(heard: Iterable[HeardAt], doubles: Iterable[HeardAt] = ()) -> TrialResult:
     """Return the most likely speed and format, and the certainty.
 
     `doubles`: characters received at twice the speed of some.
@@ -205,13 +205,13 @@ def judge(heard: Iterable[HeardAt], doubles: Iterable[HeardAt] = ()) -> Verdict:
 
     ranking = sorted(tried, key=lambda one: (bits(one), one.characters), reverse=True)
     if not any(one.characters for one in ranking):
-        return Verdict("silent", ranking, "nothing was heard – is the line in use, and wired to this port?")
+        return TrialResult("silent", ranking, "nothing was heard – is the line in use, and wired to this port?")
     best = ranking[0]
     others = [one for one in ranking[1:] if replace(one.line, stop_bits=best.line.stop_bits) != best.line]
     margin = bits(best) - (max(bits(others[0]), 0.0) if others else 0.0)
     if best.sees_damage and bits(best) <= 0:
         why = "none of these speeds and formats fits – try others with --speeds and --formats"
-        return Verdict("nothing fits", ranking, why, [bits(one) for one in ranking])
+        return TrialResult("nothing fits", ranking, why, [bits(one) for one in ranking])
     what = f"{plural(best.characters, 'character')} heard"
     certainty: Certainty = "unsure"
     if not best.sees_damage:
@@ -234,7 +234,7 @@ def judge(heard: Iterable[HeardAt], doubles: Iterable[HeardAt] = ()) -> Verdict:
         text += f"; {others[0].line} fits as well"
     if certainty != "sure":
         text += " – listen longer with --each, or when more is going on"
-    return Verdict(certainty, ranking, text, [bits(one) for one in ranking])
+    return TrialResult(certainty, ranking, text, [bits(one) for one in ranking])
 
 
 def _other_speeds_heard(best: HeardAt, others: Iterable[HeardAt]) -> set[int]:
@@ -268,7 +268,7 @@ class LineTrial(PortEvents):
         port: Port,
         clock: Clock,
         lines: Sequence[LineFormat],
-        on_end: Callable[[Verdict, str], None],
+        on_end: Callable[[TrialResult, str], None],
         *,
         each: int = EACH,
         on_result: Callable[[HeardAt], None] = lambda heard: None,
@@ -399,14 +399,14 @@ SETTLING = 30_000_000
 async def try_lines(
     url: str, lines: Sequence[LineFormat], *, each: int, on_result: Callable[[HeardAt], None],
     begun: Callable[[LineTrial], None],
-) -> Verdict:  # fmt: skip
+) -> TrialResult:  # fmt: skip
     """Listen to a port with each of `lines`; `begun` gets the trial, which can be stopped.
 
     Raises RequestError for an invalid port or a port without a speed, LineClosedError for a port that cannot be opened
     or is lost.
     """
     clock = AsyncioClock(asyncio.get_running_loop())
-    ended: asyncio.Future[tuple[Verdict, str]] = clock.loop.create_future()
+    ended: asyncio.Future[tuple[TrialResult, str]] = clock.loop.create_future()
     kind = scheme_of(url)
     if kind is not None and not kind.wires:
         raise RequestError(f"'{url}' has no speed to be found – record it as it is")

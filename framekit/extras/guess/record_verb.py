@@ -31,7 +31,7 @@ from framekit.transport.schemes import help_on_ports
 
 if TYPE_CHECKING:
     from framekit.definition.times import LineFormat
-    from framekit.extras.guess.line_trial import HeardAt, LineTrial, Verdict
+    from framekit.extras.guess.line_trial import HeardAt, LineTrial, TrialResult
     from framekit.extras.guess.record import Recorder
 
 
@@ -211,7 +211,7 @@ def _summary(arguments: argparse.Namespace, recorder: Recorder) -> None:
 # ---- finding speed and format ---------------------------------------------------------------------------------
 
 
-async def _try(arguments: argparse.Namespace, stopped: asyncio.Event) -> Verdict:
+async def _try(arguments: argparse.Namespace, stopped: asyncio.Event) -> TrialResult:
     """Listen with each speed and format, and return the verdict. Raises WordsError, PortError."""
     from framekit.extras.guess.line_trial import EACH, FORMATS, LONGER, SPEEDS, TESTED, try_lines
 
@@ -265,7 +265,7 @@ def _what(heard: HeardAt) -> str:
     return f"{plural(heard.characters, 'character')}, {shown_share(heard)} damaged" if heard.characters else "silence"
 
 
-def _show_verdict(verdict: Verdict, as_json: bool) -> None:
+def _show_verdict(verdict: TrialResult, as_json: bool) -> None:
     from framekit.api.rows import ascii_of, spaced
     from framekit.extras.guess.line_trial import shown_share
 

@@ -38,7 +38,7 @@ from framekit.definition.model.segments import (
     Wrap,
 )
 from framekit.definition.problems import CannotSayError
-from framekit.extras.kaitai.expressions import KsyEntry, Presence, Said, Scope
+from framekit.extras.kaitai.expressions import KsyEntry, Presence, Said, TypeScope
 from framekit.extras.kaitai.forms import KsyForm, form_of, wide
 from framekit.extras.kaitai.inside import HERE, FramesInside
 from framekit.extras.kaitai.source import KsyNames, data, prose, string
@@ -76,7 +76,7 @@ OPEN = BytesBehind(is_open=True)
 class KsyBlock:
     """Write a type. Raises CannotSayError for a part that is required to read it."""
 
-    def __init__(self, frame: KsyFrame, scope: Scope, segments: Segments = ()) -> None:
+    def __init__(self, frame: KsyFrame, scope: TypeScope, segments: Segments = ()) -> None:
         self.frame, self.file, self.scope = frame, frame.file, scope
         self.expressions = frame.file.expressions
         self.names = KsyNames()
@@ -240,7 +240,7 @@ class KsyBlock:
         `whole`: it fills its stream; `part`: the condition under which it is read, if it is a part of this record that
         may be absent.
         """
-        scope = Scope(self.scope, is_record=part is None, is_apart=apart)
+        scope = TypeScope(self.scope, is_record=part is None, is_apart=apart)
         scope.holds |= set() if part is None else {part}
         block = KsyBlock(self.frame, scope, segments)
         type_ = self.frame.names.new_type(name)
@@ -689,7 +689,7 @@ class KsyBlock:
         room = self._room(repeat, after) if region else None
         path = self._own(repeat.name)
         if region:  # a separate stream that the items fill
-            holder = KsyBlock(self.frame, Scope(self.scope))
+            holder = KsyBlock(self.frame, TypeScope(self.scope))
             holder.scope.entries[repeat.name] = _LATER
             holder._items(repeat, "items")
             type_ = self.frame.names.new_type(f"{repeat.name}_list")
@@ -725,7 +725,7 @@ class KsyBlock:
             keys |= {"repeat": "expr", "repeat-expr": times}
         else:
             assert repeat.until is not None
-            scope = Scope(self.scope, "")
+            scope = TypeScope(self.scope, "")
             scope.entries = {name: entry.behind("_") for name, entry in block.scope.entries.items()}
             scope.entries[INDEX] = KsyEntry("_index", "int", is_natural=True)
             keys |= {"repeat": "until", "repeat-until": self.expressions.condition(repeat.until, scope)}

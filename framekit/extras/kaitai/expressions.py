@@ -72,11 +72,11 @@ class KsyEntry:
         return replace(self, path=f"{path}.{self.path}")
 
 
-class Scope:
+class TypeScope:
     """The names of a type and of the types around it; `up` is the path to the next outer type."""
 
     def __init__(
-        self, outer: Scope | None = None, up: str = "_parent.", *, is_record: bool = True, is_apart: bool = False
+        self, outer: TypeScope | None = None, up: str = "_parent.", *, is_record: bool = True, is_apart: bool = False
     ) -> None:  # fmt: skip
         """Create a scope.
 
@@ -101,7 +101,7 @@ class Scope:
     def is_there(self, entry: KsyEntry) -> bool:
         """Return whether a value is present wherever this type is read."""
         left: frozenset[Presence] = entry.needs
-        scope: Scope | None = self
+        scope: TypeScope | None = self
         while left and scope is not None:
             left, scope = left - scope.holds, scope.outer
         return not left
@@ -115,9 +115,9 @@ class Scope:
         parts = node.operands if isinstance(node, Logic) and node.operator == "and" else ()
         return {self.condition(one) for one in (node, *parts)}
 
-    def where(self, *nodes: Node) -> Scope:
+    def where(self, *nodes: Node) -> TypeScope:
         """Return this scope with the given conditions assumed true."""
-        scope = Scope(self, "", is_record=False)
+        scope = TypeScope(self, "", is_record=False)
         for node in nodes:
             scope.holds |= self.conditions(node)
         return scope
@@ -148,31 +148,31 @@ class KaitaiExpressions:
         """Parameters of the top type by the protocol's names: Kaitai's name and type."""
         self._names = KsyNames(TOP_NAMES)
 
-    def number(self, expression: Expression, scope: Scope) -> str:
+    def number(self, expression: Expression, scope: TypeScope) -> str:
         """Return an expression as a number. Raises CannotSayError."""
         return self._number(self.said(expression.root, scope), expression.root)
 
-    def condition(self, expression: Expression, scope: Scope) -> str:
+    def condition(self, expression: Expression, scope: TypeScope) -> str:
         """Return an expression as a condition. Raises CannotSayError."""
         return self._truth(expression.root, scope)
 
-    def value(self, expression: Expression, scope: Scope) -> Said:
+    def value(self, expression: Expression, scope: TypeScope) -> Said:
         """Return an expression as a value; flags become numbers. Raises CannotSayError."""
         said = self.said(expression.root, scope)
         return Said(self._number(said, expression.root), "int") if said.kind == "bool" else said
 
-    def is_natural(self, expression: Expression, scope: Scope) -> bool:
+    def is_natural(self, expression: Expression, scope: TypeScope) -> bool:
         """Return whether the number is certainly never negative."""
         return self._is_natural(expression.root, scope)
 
-    def said(self, node: Node, scope: Scope) -> Said:
+    def said(self, node: Node, scope: TypeScope) -> Said:
         """Return the translation of a node. Raises CannotSayError."""
         said = self._said(node, scope)
         if len(said.text) > MOST_TEXT:
             raise CannotSayError(node.at, "an expression is left out", f"it takes more than {MOST_TEXT} characters")
         return said
 
-    def _said(self, node: Node, scope: Scope) -> Said:
+    def _said(self, node: Node, scope: TypeScope) -> Said:
         match node:
             case Number(value=value) if abs(value) <= MOST_NUMBER:
                 return Said(str(value) if value >= 0 else f"({value})", "int")
@@ -218,14 +218,14 @@ class KaitaiExpressions:
             return said.text
         raise self._not(node, "a number made of another kind of value")
 
-    def _truth(self, node: Node, scope: Scope) -> str:
+    def _truth(self, node: Node, scope: TypeScope) -> str:
         """Return the condition that a node is true."""
         if isinstance(node, Logic):
             flags = (self._truth(one, inside) for one, inside in _operands(node, scope))
             return f"({f' {node.operator} '.join(flags)})"
         return self._flag(self.said(node, scope), node)
 
-    def _logic(self, node: Logic, scope: Scope) -> Said:
+    def _logic(self, node: Logic, scope: TypeScope) -> Said:
         """Return the value of the deciding operand, as in the definition language: `a or 5` is a number."""
         *others, last = [(one, self.said(one, inside)) for one, inside in _operands(node, scope)]
         if all(said.kind == "bool" for _, said in (*others, last)):
@@ -245,7 +245,7 @@ class KaitaiExpressions:
             return f"({said.text}.length != 0)"
         raise self._not(node, "a condition that asks whether something is there")
 
-    def _name(self, node: Node, name: str, scope: Scope) -> Said:
+    def _name(self, node: Node, name: str, scope: TypeScope) -> Said:
         entry = scope.find(name)
         if entry is not None:
             return self._known(node, name, entry, scope)
@@ -263,14 +263,14 @@ class KaitaiExpressions:
             self.params[name] = self._names.new(name), here
         return Said(f"_root.{self.params[name][0]}", kind)
 
-    def _known(self, node: Node, name: str, entry: KsyEntry, scope: Scope) -> Said:
+    def _known(self, node: Node, name: str, entry: KsyEntry, scope: TypeScope) -> Said:
         """Return the value of an entry. Raises CannotSayError if it may be absent, as Kaitai has no absent values."""
         why = entry.why_not or ("" if scope.is_there(entry) else "it may be absent, and Kaitai has no value for that")
         if why:
             raise CannotSayError(node.at, f"'{name}' is not asked for", why)
         return Said(entry.path, entry.kind)
 
-    def _entry(self, node: Node, scope: Scope) -> KsyEntry | None:
+    def _entry(self, node: Node, scope: TypeScope) -> KsyEntry | None:
         if isinstance(node, Name):
             return scope.find(node.name)
         if isinstance(node, Attribute):
@@ -287,7 +287,7 @@ class KaitaiExpressions:
                 return replace(outer, path=f"{outer.path}[{index}]", kind="record")
         return None
 
-    def _index(self, node: Node, value: Node, index: Node, scope: Scope) -> Said:
+    def _index(self, node: Node, value: Node, index: Node, scope: TypeScope) -> Said:
         table = self.protocol.tables.get(value.name) if isinstance(value, Name) else None
         if table is not None and isinstance(value, Name) and scope.find(value.name) is None:
             return self._looked_up(node, index, scope, None)
@@ -296,7 +296,7 @@ class KaitaiExpressions:
             raise self._not(node, "an item that is looked for")
         return Said(f"{said.text}[{self._number(at, index)}]", "int")
 
-    def _looked_up(self, node: Node, key: Node, scope: Scope, otherwise: Said | None) -> Said:
+    def _looked_up(self, node: Node, key: Node, scope: TypeScope, otherwise: Said | None) -> Said:
         """Return an entry of a table of numbers, as a chain of conditionals."""
         name = node.value if isinstance(node, Index) else node.arguments[0] if isinstance(node, Call) else None
         table = self.protocol.tables[name.name] if isinstance(name, Name) else None
@@ -311,7 +311,7 @@ class KaitaiExpressions:
             text = f"({asked.text} == {shown} ? {value!r} : {text})"
         return Said(text, "int")
 
-    def _binary(self, node: Binary, scope: Scope) -> Said:
+    def _binary(self, node: Binary, scope: TypeScope) -> Said:
         operator, left, right = node.operator, self.said(node.left, scope), self.said(node.right, scope)
         if operator == "+" and left.kind == right.kind == "str":
             return Said(f"({left.text} + {right.text})", "str")
@@ -326,7 +326,7 @@ class KaitaiExpressions:
             a = f"({a} - {a} % {b})" if operator == "//" else a  # subtracting the remainder makes the division exact
         return Said(f"({a} {_BINARY[operator]} {b})", kind)
 
-    def _is_natural(self, node: Node, scope: Scope) -> bool:
+    def _is_natural(self, node: Node, scope: TypeScope) -> bool:
         """Return whether a number is never negative."""
         match node:
             case Number(value=value):
@@ -347,7 +347,7 @@ class KaitaiExpressions:
                 return function in ("len", "abs", "bit")
         return isinstance(node, Compare)
 
-    def _compared(self, left: Node, operator: str, right: Node, scope: Scope) -> str:
+    def _compared(self, left: Node, operator: str, right: Node, scope: TypeScope) -> str:
         if operator in ("in", "not in"):
             if not isinstance(right, List):
                 raise self._not(right, "a search in a table or text")
@@ -366,7 +366,7 @@ class KaitaiExpressions:
         texts = self._number(then, node), self._number(otherwise, node)
         return Said(f"({flag} ? {texts[0]} : {texts[1]})", "float" if "float" in (then.kind, otherwise.kind) else "int")
 
-    def _call(self, node: Call, function: str, arguments: tuple[Node, ...], scope: Scope) -> Said:
+    def _call(self, node: Call, function: str, arguments: tuple[Node, ...], scope: TypeScope) -> Said:
         if function == "get" and isinstance(arguments[0], Name) and arguments[0].name in self.protocol.tables:
             return self._looked_up(node, arguments[1], scope, self.said(arguments[2], scope))
         if function not in ("len", "min", "max", "abs", "number", "text", "bit"):
@@ -395,7 +395,7 @@ class KaitaiExpressions:
         raise self._not(node, f"the function '{function}' of such a value")
 
 
-def _operands(node: Logic, scope: Scope) -> Iterator[tuple[Node, Scope]]:
+def _operands(node: Logic, scope: TypeScope) -> Iterator[tuple[Node, TypeScope]]:
     """Yield the operands of `and` and `or` with their scopes; after an `and`, the earlier operands are true."""
     inside = scope.where()
     for operand in node.operands:

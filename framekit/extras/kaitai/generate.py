@@ -20,7 +20,7 @@ from framekit.definition.model.segments import (
 from framekit.definition.problems import CannotSayError, Problem, printable
 from framekit.definition.written import comment, yaml_lines
 from framekit.extras.kaitai.block import NOTHING_BEHIND, KsyBlock
-from framekit.extras.kaitai.expressions import TOP_NAMES, Scope
+from framekit.extras.kaitai.expressions import TOP_NAMES, TypeScope
 from framekit.extras.kaitai.source import KsyNames, prose
 from framekit.extras.kaitai.state import FRAME_KIND, UNEXPECTED, Keys, KsyFile, KsyFrame
 
@@ -137,7 +137,7 @@ def _told(problem: Problem) -> str:
 def _frame(file: KsyFile, frame: Frame) -> Keys:
     """Return the type of a frame. Raises CannotSayError."""
     made = KsyFrame(file, frame)
-    block = KsyBlock(made, Scope(), file.static.segments(frame))
+    block = KsyBlock(made, TypeScope(), file.static.segments(frame))
     if frame.inside:
         what = f"frames that interrupt '{frame.name}' are left out"
         file.tell(frame.at, what, "Kaitai cannot pass over bytes in between")

@@ -97,7 +97,7 @@ class _MadeService:
 
 
 @dataclass(slots=True)
-class _Names:
+class _FreeNames:
     """Unique names: equal names get numbers."""
 
     used: set[str] = field(default_factory=set)
@@ -120,8 +120,8 @@ class _StreamWriter:
         self.frames: dict[str, _MadeFrame] = {}
         self._name = name
         self._services: list[_MadeService] = []
-        self._service_names = _Names(set(_SERVICES))
-        self._frame_names = _Names()
+        self._service_names = _FreeNames(set(_SERVICES))
+        self._frame_names = _FreeNames()
         self._narrower: dict[str, list[Position]] = {}
         self._without_end: list[Position] = []
 
@@ -416,7 +416,7 @@ def _values_of(
     These are: the kind of each argument by name; step and value of each result by name; the fields of the frame of each
     step; the variable that keeps the frame of each step.
     """
-    names = _Names()
+    names = _FreeNames()
     takes: dict[str, str] = {}
     gives: dict[str, tuple[int, StreamValue]] = {}
     fills: dict[int, dict[str, str]] = {}

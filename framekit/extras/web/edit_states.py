@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 
-from framekit.extras.documents.diagrams import Arrow, State
+from framekit.extras.documents.diagrams import Arrow, DiagramState
 
 MOST_STATES = 120
 """Largest number of steps that are drawn."""
@@ -27,7 +27,7 @@ _ROOM = 24
 class _Box:
     """A step with its place: `top` is the upper edge."""
 
-    state: State
+    state: DiagramState
     top: int
 
     @property
@@ -44,7 +44,7 @@ class _Box:
         return self.top + _HEAD + _ROW * number + _ROW // 2
 
 
-def states_svg(title: str, states: Sequence[State]) -> str:
+def states_svg(title: str, states: Sequence[DiagramState]) -> str:
     """Return the picture of a sequence; steps above `MOST_STATES` are left out."""
     boxes: dict[str, _Box] = {}
     top = 26
@@ -66,7 +66,7 @@ def states_svg(title: str, states: Sequence[State]) -> str:
     return "".join([*parts, "</svg>"])
 
 
-def _has_line(arrow: Arrow, state: State) -> bool:
+def _has_line(arrow: Arrow, state: DiagramState) -> bool:
     """Return whether a line is drawn for a transition: it leads to another step."""
     return arrow.target.kind == "step" and arrow.target.name != state.name
 
@@ -120,7 +120,7 @@ def _drawn(box: _Box, known: set[str]) -> str:
     return f"<g>{''.join(parts)}</g>"
 
 
-def _target(arrow: Arrow, state: State, known: set[str]) -> tuple[str, str]:
+def _target(arrow: Arrow, state: DiagramState, known: set[str]) -> tuple[str, str]:
     """Return the word for the end of a transition, and its class."""
     kind, name = arrow.target
     if kind == "failed":

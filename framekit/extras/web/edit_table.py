@@ -34,7 +34,7 @@ _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _BREAK = re.compile("\r\n|[\n\r\x85\u2028\u2029]")
 
 
-class Column(NamedTuple):
+class TableColumn(NamedTuple):
     """A column: its title, and the keys of a row that it shows, of which a row has one."""
 
     title: str
@@ -42,17 +42,17 @@ class Column(NamedTuple):
 
 
 BLOCK_COLUMNS = (
-    Column("Kind and address", INSTRUCTIONS),
-    Column("Channel", ("channel",)),
-    Column("Station", ("station",)),
-    Column("Size", ("count",)),
-    Column("Own address", ("into", "from", "values")),
-    Column("Condition", tuple(TRIGGERS)),
-    Column("Unless", ("unless",)),
-    Column("Name", ("name",)),
+    TableColumn("Kind and address", INSTRUCTIONS),
+    TableColumn("Channel", ("channel",)),
+    TableColumn("Station", ("station",)),
+    TableColumn("Size", ("count",)),
+    TableColumn("Own address", ("into", "from", "values")),
+    TableColumn("Condition", tuple(TRIGGERS)),
+    TableColumn("Unless", ("unless",)),
+    TableColumn("Name", ("name",)),
 )
 POINT_COLUMNS = tuple(
-    Column(key.capitalize(), (key,))
+    TableColumn(key.capitalize(), (key,))
     for key in ("address", "channel", "station", "type", "scale", "unit", "every", "access", "range")
 )
 
@@ -65,7 +65,7 @@ class Section(NamedTuple):
     """A mapping of rows in a file, with the columns of its table."""
 
     where: Where
-    columns: Sequence[Column]
+    columns: Sequence[TableColumn]
     node: yaml.MappingNode | None
     """None for a section that the file does not have yet, or that is empty."""
 
@@ -73,7 +73,7 @@ class Section(NamedTuple):
 # ---- the text and its nodes ----------------------------------------------------------------------------------
 
 
-class Source:
+class EditedText:
     """A text with its nodes. Raise TableError for a text that is no valid YAML."""
 
     def __init__(self, path: Path) -> None:
@@ -140,13 +140,13 @@ def _pair(node: yaml.MappingNode, key: str) -> int | None:
 def tables(path: Path) -> list[Answer]:
     """Return the tables of a file: path of the section, title, columns and rows; empty for a wrong text."""
     try:
-        source = Source(path)
+        source = EditedText(path)
     except TableError:
         return []
     return [_table(source, section) for section in _sections(source)]
 
 
-def _sections(source: Source) -> Iterator[Section]:
+def _sections(source: EditedText) -> Iterator[Section]:
     root = source.root
     if not isinstance(root, yaml.MappingNode):
         return
@@ -162,14 +162,14 @@ def _sections(source: Source) -> Iterator[Section]:
         yield _section(root, ["values"], POINT_COLUMNS)
 
 
-def _section(root: yaml.Node, where: Where, columns: Sequence[Column]) -> Section:
+def _section(root: yaml.Node, where: Where, columns: Sequence[TableColumn]) -> Section:
     node: yaml.Node | None = root
     for key in where:
         node = _value(node, key)
     return Section(where, columns, node if isinstance(node, yaml.MappingNode) else None)
 
 
-def _table(source: Source, section: Section) -> Answer:
+def _table(source: EditedText, section: Section) -> Answer:
     pairs = [] if section.node is None else section.node.value[:MOST_ROWS]
     return {
         "where": section.where,
@@ -178,7 +178,7 @@ def _table(source: Source, section: Section) -> Answer:
     }
 
 
-def _row(source: Source, columns: Sequence[Column], name: yaml.Node, value: yaml.Node) -> Answer:
+def _row(source: EditedText, columns: Sequence[TableColumn], name: yaml.Node, value: yaml.Node) -> Answer:
     """Return name, line, cells (key, text, whether it can be changed here) and the text of other keys."""
     shown = {key for column in columns for key in column.keys}
     pairs = {key.value: one for key, one in value.value} if isinstance(value, yaml.MappingNode) else {}
@@ -190,7 +190,7 @@ def _row(source: Source, columns: Sequence[Column], name: yaml.Node, value: yaml
     return {"name": name.value, "line": name.start_mark.line + 1, "cells": cells, "other": other[:LONGEST_CELL]}
 
 
-def _cell(source: Source, node: yaml.Node) -> tuple[str, bool]:
+def _cell(source: EditedText, node: yaml.Node) -> tuple[str, bool]:
     """Return the text of a value, and whether it can be changed in a table."""
     if isinstance(node, yaml.ScalarNode):
         text = str(node.value)
@@ -204,7 +204,7 @@ def _cell(source: Source, node: yaml.Node) -> tuple[str, bool]:
 # ---- changes -------------------------------------------------------------------------------------------------
 
 
-class Edit(NamedTuple):
+class TextEdit(NamedTuple):
     """Characters of the text that are replaced."""
 
     begin: int
@@ -225,9 +225,9 @@ def remove(path: Path, where: Where, row: str) -> Answer:
     return _answered(path, lambda source: _removed(source, where, row))
 
 
-def _answered(path: Path, make: Callable[[Source], tuple[list[Edit], Any]]) -> Answer:
+def _answered(path: Path, make: Callable[[EditedText], tuple[list[TextEdit], Any]]) -> Answer:
     try:
-        source = Source(path)
+        source = EditedText(path)
         edits, intended = make(source)
         _validate(source, edits, intended)
     except TableError as error:
@@ -242,7 +242,7 @@ def _answered(path: Path, make: Callable[[Source], tuple[list[Edit], Any]]) -> A
     return {"edits": [[unit(edit.begin), unit(edit.end), edit.text] for edit in edits]}
 
 
-def _validate(source: Source, edits: Sequence[Edit], intended: Any) -> None:
+def _validate(source: EditedText, edits: Sequence[TextEdit], intended: Any) -> None:
     """Raise TableError if the edits do not give exactly the intended content."""
     text = source.text
     for edit in sorted(edits, reverse=True):
@@ -255,7 +255,7 @@ def _validate(source: Source, edits: Sequence[Edit], intended: Any) -> None:
         raise TableError("this cannot be changed in the table – change the text")
 
 
-def _changed(source: Source, where: Where, row: str, key: str, old: str, value: str) -> tuple[list[Edit], Any]:
+def _changed(source: EditedText, where: Where, row: str, key: str, old: str, value: str) -> tuple[list[TextEdit], Any]:
     section = _found(source, where)
     if key not in {one for column in section.columns for one in column.keys} or len(value) > LONGEST_CELL:
         raise TableError("this is no value of the table")
@@ -287,15 +287,15 @@ def _changed(source: Source, where: Where, row: str, key: str, old: str, value: 
     rows[row] = {(key if name == old else name): one for name, one in cells.items()} if old else cells
     rows[row][key] = _read(written)
     name, present = mapping.value[place]
-    edits = [Edit(source.begin(name), source.end(name), key)] if old and old != key else []
+    edits = [TextEdit(source.begin(name), source.end(name), key)] if old and old != key else []
     if isinstance(present, yaml.ScalarNode) and present.style in ("'", '"') and written == value.strip():
         written = json.dumps(value.strip(), ensure_ascii=False) if not _is_flow(written) else written
     if source.begin(present) == source.end(present):
         written = f" {written}"
-    return [*edits, Edit(source.begin(present), source.end(present), written)], intended
+    return [*edits, TextEdit(source.begin(present), source.end(present), written)], intended
 
 
-def _found(source: Source, where: Where) -> Section:
+def _found(source: EditedText, where: Where) -> Section:
     section = next((one for one in _sections(source) if one.where == where), None)
     if section is None:
         raise TableError("the file has no such table")
@@ -354,34 +354,34 @@ def _read(written: str) -> Any:
     return found["k"]
 
 
-def _added(source: Source, mapping: yaml.MappingNode, pair: str) -> Edit:
+def _added(source: EditedText, mapping: yaml.MappingNode, pair: str) -> TextEdit:
     """Return the edit that adds a key to a mapping, which is not empty."""
     if mapping.flow_style:
         end = max(source.end(part) for part in mapping.value[-1])
-        return Edit(end, end, f", {pair}")
+        return TextEdit(end, end, f", {pair}")
     for name, value in reversed(mapping.value):
         if isinstance(value, yaml.ScalarNode) and value.style not in ("|", ">"):
             end = source.line_end(max(source.end(name), source.end(value)))
-            return Edit(end, end, f"\n{source.indent(source.begin(name))}{pair}")
+            return TextEdit(end, end, f"\n{source.indent(source.begin(name))}{pair}")
     begin = source.begin(mapping.value[0][0])
-    return Edit(begin, begin, f"{pair}\n{source.indent(begin)}")
+    return TextEdit(begin, begin, f"{pair}\n{source.indent(begin)}")
 
 
-def _without(source: Source, mapping: yaml.MappingNode, place: int) -> Edit:
+def _without(source: EditedText, mapping: yaml.MappingNode, place: int) -> TextEdit:
     """Return the edit that removes a key of a mapping with several keys."""
     name, value = mapping.value[place]
     begin, end = source.begin(name), max(source.end(name), source.end(value))
     if not mapping.flow_style:
-        return Edit(*_lines(source, begin, end), "")
+        return TextEdit(*_lines(source, begin, end), "")
     if place + 1 < len(mapping.value):
-        return Edit(begin, source.begin(mapping.value[place + 1][0]), "")
+        return TextEdit(begin, source.begin(mapping.value[place + 1][0]), "")
     before = max(source.end(part) for part in mapping.value[place - 1])
     if "#" in source.text[before:begin]:
         raise TableError("a comment is next to it – change the text")
-    return Edit(before, end, "")
+    return TextEdit(before, end, "")
 
 
-def _lines(source: Source, begin: int, end: int) -> tuple[int, int]:
+def _lines(source: EditedText, begin: int, end: int) -> tuple[int, int]:
     """Return the range of the whole lines between two offsets, with the last line break."""
     first, last = source.line_start(begin), source.line_end(end)
     if source.text[first:begin].strip():
@@ -390,7 +390,7 @@ def _lines(source: Source, begin: int, end: int) -> tuple[int, int]:
     return first, last if match is None else match.end()
 
 
-def _new_row(source: Source, section: Section, row: str, pair: str) -> Edit:
+def _new_row(source: EditedText, section: Section, row: str, pair: str) -> TextEdit:
     """Return the edit that adds a row to a section, after its last row; a missing section is added."""
     name = _written(row)
     if not row or _is_flow(name):
@@ -400,11 +400,11 @@ def _new_row(source: Source, section: Section, row: str, pair: str) -> Edit:
     if node is not None and node.value:
         if node.flow_style:
             end = max(source.end(part) for part in node.value[-1])
-            return Edit(end, end, f", {entry}")
+            return TextEdit(end, end, f", {entry}")
         end = source.line_end(max(source.end(part) for part in node.value[-1]))
-        return Edit(end, end, f"\n{source.indent(source.begin(node.value[0][0]))}{entry}")
+        return TextEdit(end, end, f"\n{source.indent(source.begin(node.value[0][0]))}{entry}")
     if node is not None:
-        return Edit(source.begin(node) + 1, source.begin(node) + 1, entry)
+        return TextEdit(source.begin(node) + 1, source.begin(node) + 1, entry)
     above, key = source.root, section.where[-1]
     for step in section.where[:-1]:
         above = _value(above, step)
@@ -414,12 +414,12 @@ def _new_row(source: Source, section: Section, row: str, pair: str) -> Edit:
     place = _pair(above, key)
     if place is not None:
         end = source.line_end(source.end(above.value[place][0]))
-        return Edit(end, end, f"\n{indent}  {entry}")
+        return TextEdit(end, end, f"\n{indent}  {entry}")
     end = source.line_end(max(source.end(part) for part in above.value[-1]))
-    return Edit(end, end, f"\n{indent}{key}:\n{indent}  {entry}")
+    return TextEdit(end, end, f"\n{indent}{key}:\n{indent}  {entry}")
 
 
-def _removed(source: Source, where: Where, row: str) -> tuple[list[Edit], Any]:
+def _removed(source: EditedText, where: Where, row: str) -> tuple[list[TextEdit], Any]:
     section = _found(source, where)
     node = section.node
     place = None if node is None else _pair(node, row)

@@ -20,13 +20,13 @@ from framekit.api.run import VirtualRun
 from framekit.api.settings import checked_station, line_settings
 from framekit.codec.codec import compile_protocol
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.services import Literally, Maybe, Part
+from framekit.definition.model.services import FormPart, Literally, Maybe
 from framekit.definition.nodes import read_nodes
 from framekit.definition.problems import DefinitionError, plural
 from framekit.definition.schema import kind_of
 from framekit.link.addresses import AddressGrammar
 from framekit.link.events import Seen
-from framekit.link.services.client import Client, Done, Transfer, TransferResult
+from framekit.link.services.client import Done, ServiceClient, Transfer, TransferResult
 from framekit.runfile.devices import load_devices
 from framekit.runfile.run_file import load_run
 from framekit.service.client import ClientService
@@ -80,16 +80,16 @@ def addresses_of_forms(protocol: Protocol) -> Iterator[str]:
                     yield text
 
 
-def _filled(part: Literally | Part | Maybe, area: str, number: int) -> str:
+def _filled(part: Literally | FormPart | Maybe, area: str, number: int) -> str:
     """Return a text for a part of an address form."""
     match part:
         case Literally(text=text):
             return text
-        case Part(what="area"):
+        case FormPart(what="area"):
             return area
-        case Part(what="number", least=least):
+        case FormPart(what="number", least=least):
             return str(number).zfill(least if isinstance(least, int) else 1)
-        case Part():
+        case FormPart():
             return "A"
     return ""
 
@@ -132,7 +132,7 @@ def _request_trial(path: Path, service: str, address: str, values: list[str], st
     clock.run_for(0)
     results: list[TransferResult] = []
 
-    def begin(asks: Client, now: int, done: Done) -> Transfer:
+    def begin(asks: ServiceClient, now: int, done: Done) -> Transfer:
         if service == "read":
             return asks.read(address, station=settings.station, now=now, on_done=done)
         if service == "write":

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import Any
 
-from framekit.codec.python.expressions import Scope
+from framekit.codec.python.expressions import FieldScope
 from framekit.definition.expression import (
     Attribute,
     Binary,
@@ -62,11 +62,11 @@ class LuaExpressions:
         self.tables: set[str] = set()
         """The names of the tables that expressions read."""
 
-    def function(self, expression: Expression, scope: Scope) -> str:
+    def function(self, expression: Expression, scope: FieldScope) -> str:
         """Return a Lua function that evaluates the expression while a frame is read."""
         return f"function(n) return {self.text(expression.root, scope)} end"
 
-    def text(self, node: Node, scope: Scope, own: Collection[str] = ()) -> str:
+    def text(self, node: Node, scope: FieldScope, own: Collection[str] = ()) -> str:
         """Return an expression in Lua; `own` are Lua names that it may read.
 
         An expression without a Lua form becomes a call that fails when it is reached.
@@ -78,7 +78,7 @@ class LuaExpressions:
                 self.problems.append(error.problem)
             return f"X.limit({string(error.problem.what)})"
 
-    def _node(self, node: Node, scope: Scope, own: Collection[str]) -> str:
+    def _node(self, node: Node, scope: FieldScope, own: Collection[str]) -> str:
         def of(part: Node) -> str:
             return self._node(part, scope, own)
 
@@ -125,7 +125,7 @@ class LuaExpressions:
                 return f"X.list({listed(map(of, items))})"
         raise not_said(node.at, "a time that follows the line's speed")
 
-    def _name(self, node: Name, scope: Scope, own: Collection[str]) -> str:
+    def _name(self, node: Name, scope: FieldScope, own: Collection[str]) -> str:
         name = node.name
         if name in own:
             return name
@@ -144,7 +144,9 @@ class LuaExpressions:
         self.asked.add(name)
         return f"X.given(n, {string(name)})"
 
-    def _call(self, node: Node, function: str, arguments: tuple[Node, ...], scope: Scope, own: Collection[str]) -> str:
+    def _call(
+        self, node: Node, function: str, arguments: tuple[Node, ...], scope: FieldScope, own: Collection[str]
+    ) -> str:
         if function == "len" and isinstance(arguments[0], Name):
             entry = scope.find(arguments[0].name)
             if entry is not None and not entry.sized and entry.path:

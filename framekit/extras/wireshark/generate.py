@@ -16,7 +16,7 @@ from framekit.codec.evaluate import EVALUATION_ERRORS, MissingName, start_values
 from framekit.codec.functions import of_side
 from framekit.codec.python.choices import fixed_bytes
 from framekit.codec.python.diagnosis import checks_option
-from framekit.codec.python.expressions import NameEntry, Scope
+from framekit.codec.python.expressions import FieldScope, NameEntry
 from framekit.codec.python.module import Module
 from framekit.definition.expression import Expression, names_in
 from framekit.definition.model.frames import WIRE, Frame, everything
@@ -174,7 +174,7 @@ class _DissectorWriter:
         return listed(f"{{ {name}, {text} }}" for name, text in echo) if frame.echo else None
 
     def _of_request(self, expression: Expression) -> str:
-        scope = Scope()
+        scope = FieldScope()
         scope.entries |= {name: NameEntry("") for name in names_in(expression.root)}
         return self.expressions.function(expression, scope)
 

@@ -13,7 +13,7 @@ from framekit.codec.kinds.check import in_one_buffer
 from framekit.codec.kinds.counted import absent_behind, counted_room
 from framekit.codec.python.choices import in_order
 from framekit.codec.python.diagnosis import DiagnosisWriter, checks_option, inside_of
-from framekit.codec.python.expressions import Scope, constant_of
+from framekit.codec.python.expressions import FieldScope, constant_of
 from framekit.codec.python.facts import parts_around
 from framekit.codec.python.function import (
     covered_parts,
@@ -91,7 +91,7 @@ class Checks:
             }  # fmt: skip
             if method.expression is not None:
                 problems = len(self._expressions.problems)
-                code = self._expressions.text(method.expression.root, Scope(), ("acc", "byte"))
+                code = self._expressions.text(method.expression.root, FieldScope(), ("acc", "byte"))
                 if len(self._expressions.problems) > problems:
                     raise not_said(at, f"the check code {method.name}")
                 entries["fold"] = f"function(acc, byte) return {code} end"
@@ -112,7 +112,7 @@ class SegmentWriter:
         self.expressions = expressions
         self.checks = checks
         self.fields = fields
-        self.scope = Scope()
+        self.scope = FieldScope()
         self.diagnosis.declare(self.segments, self.scope)
         self.unverified: list[Problem] = []
 
@@ -129,7 +129,7 @@ class SegmentWriter:
             }  # fmt: skip
         return self.region(self.segments, self.scope)
 
-    def region(self, segments: Segments, scope: Scope) -> Entries:
+    def region(self, segments: Segments, scope: FieldScope) -> Entries:
         """Return the entries of a buffer: its segments, and the indexes of its variable middle and of its tail."""
         front, middle, _ = parts_around(self.diagnosis.static, segments)
         if not middle:
@@ -140,10 +140,10 @@ class SegmentWriter:
             "middle_checks": flag(checks_option(middle)),
         }  # fmt: skip
 
-    def listed(self, segments: Segments, scope: Scope) -> str:
+    def listed(self, segments: Segments, scope: FieldScope) -> str:
         return listed(self.segment(one, scope) for one in segments)
 
-    def segment(self, segment: Segment, scope: Scope) -> str:
+    def segment(self, segment: Segment, scope: FieldScope) -> str:
         """Return the table of a segment; a segment without a Lua form fails when it is reached."""
         key = self._key(segment)
         static = self.static.present(segment)
@@ -169,7 +169,7 @@ class SegmentWriter:
             self._absent(segment, scope, entries)
         return table(entries)
 
-    def _absent(self, segment: Segment, scope: Scope, entries: Entries) -> None:
+    def _absent(self, segment: Segment, scope: FieldScope, entries: Entries) -> None:
         """Add the entries for the case that the condition of a segment is false."""
         if isinstance(segment, Field) and segment.default is not None:
             entries["default"] = self._value(self._default(segment), scope)
@@ -222,10 +222,10 @@ class SegmentWriter:
         """Return the paths of the segments that must be read before names and expressions of a segment are valid."""
         return self._texts(sorted(paths_read(segment, self.diagnosis.all_paths, *needed)))
 
-    def _value(self, expression: Expression, scope: Scope) -> str:
+    def _value(self, expression: Expression, scope: FieldScope) -> str:
         return self.expressions.function(expression, scope)
 
-    def _size(self, size: int | Expression | None, scope: Scope, times: int = 1, parts: int = 1) -> str:
+    def _size(self, size: int | Expression | None, scope: FieldScope, times: int = 1, parts: int = 1) -> str:
         if isinstance(size, int):
             return str(size * times // parts)
         assert size is not None
@@ -294,15 +294,15 @@ def _limit(value: int) -> str:
 # ---- the kinds ----------------------------------------------------------------------------------------------
 
 
-def _const(w: SegmentWriter, s: Const, scope: Scope) -> Entries:
+def _const(w: SegmentWriter, s: Const, scope: FieldScope) -> Entries:
     return {"kind": '"const"', "data": string(s.data), "f": w._shows(s, w._shown(s), FieldUse("bytes"))}
 
 
-def _skip(w: SegmentWriter, s: Skip, scope: Scope) -> Entries:
+def _skip(w: SegmentWriter, s: Skip, scope: FieldScope) -> Entries:
     return {"kind": '"skip"', "size": str(s.size), "f": w._shows(s, w._shown(s), FieldUse("bytes"))}
 
 
-def _fill(w: SegmentWriter, s: Fill, scope: Scope) -> Entries:
+def _fill(w: SegmentWriter, s: Fill, scope: FieldScope) -> Entries:
     tail = w.static.all(w.frame.tail).least
     return {
         "kind": '"fill"', "total": str(s.total), "fixed_after": str(tail),
@@ -310,7 +310,7 @@ def _fill(w: SegmentWriter, s: Fill, scope: Scope) -> Entries:
     }  # fmt: skip
 
 
-def _field(w: SegmentWriter, s: Field, scope: Scope) -> Entries:
+def _field(w: SegmentWriter, s: Field, scope: FieldScope) -> Entries:
     type_ = s.type.before_end if s.type.is_delimited else s.type
     entries: Entries = {
         "kind": '"field"', "type": w.type(type_, s.at), **w._numbered(s),
@@ -348,7 +348,7 @@ def _counting(w: SegmentWriter, s: Length | Count, wanted: str | None, counted: 
     return entries
 
 
-def _length(w: SegmentWriter, s: Length, scope: Scope) -> Entries:
+def _length(w: SegmentWriter, s: Length, scope: FieldScope) -> Entries:
     found = counted_room(w.diagnosis, s)
     if found is None:
         return {**_counting(w, s, None, ()), "size": w._size(s.type.size or 0, scope)}
@@ -362,7 +362,7 @@ def _length(w: SegmentWriter, s: Length, scope: Scope) -> Entries:
     return {**entries, "size": w._size(s.type.size or 0, scope)}
 
 
-def _count(w: SegmentWriter, s: Count, scope: Scope) -> Entries:
+def _count(w: SegmentWriter, s: Count, scope: FieldScope) -> Entries:
     wanted = None
     if absent_behind(s, w.diagnosis) is not None:
         items = f"X.len(X.either(X.of(n, {string(s.of)}), X.list({{}})))"
@@ -370,7 +370,7 @@ def _count(w: SegmentWriter, s: Count, scope: Scope) -> Entries:
     return {**_counting(w, s, wanted, (s.of,)), "size": w._size(s.type.size or 0, scope)}
 
 
-def _bits(w: SegmentWriter, s: Bits, scope: Scope) -> Entries:
+def _bits(w: SegmentWriter, s: Bits, scope: FieldScope) -> Entries:
     parts = []
     for part in s.parts:
         width = part.high - part.low + 1
@@ -392,7 +392,7 @@ def _bits(w: SegmentWriter, s: Bits, scope: Scope) -> Entries:
     }  # fmt: skip
 
 
-def _data(w: SegmentWriter, s: Data, scope: Scope) -> Entries:
+def _data(w: SegmentWriter, s: Data, scope: FieldScope) -> Entries:
     entries: Entries = {
         "kind": '"data"', "f": w._shows(s, s.name, FieldUse("bytes")), "swap": str(s.swap) if s.swap else None,
         "convert": None if s.convert is None else string(s.convert), "least": str(s.least) if s.least else None,
@@ -404,19 +404,19 @@ def _data(w: SegmentWriter, s: Data, scope: Scope) -> Entries:
     return {**entries, "size": w._size(s.size, scope, times, parts)}
 
 
-def _value(w: SegmentWriter, s: Value, scope: Scope) -> Entries:
+def _value(w: SegmentWriter, s: Value, scope: FieldScope) -> Entries:
     use = FieldUse.of_expression(s.read.root, w.diagnosis.by_name)
     return {"kind": '"value"', "read": w._value(s.read, scope), "f": w._shows(s, s.name, use)}
 
 
-def _require(w: SegmentWriter, s: Require, scope: Scope) -> Entries:
+def _require(w: SegmentWriter, s: Require, scope: FieldScope) -> Entries:
     return {
         "kind": '"require"', "key": '"require"', "shown": '"require"', "text": string(s.condition.text),
         "condition": w._value(s.condition, scope),
     }  # fmt: skip
 
 
-def _check(w: SegmentWriter, s: Check, scope: Scope) -> Entries:
+def _check(w: SegmentWriter, s: Check, scope: FieldScope) -> Entries:
     entries: Entries = {
         "kind": '"check"', "size": str(s.size), "form": string(s.form), "order": string(s.order),
         "verify": string(s.verify), "digits": flag(s.form in ("hex", "HEX")),
@@ -439,7 +439,7 @@ def _check(w: SegmentWriter, s: Check, scope: Scope) -> Entries:
     return entries
 
 
-def _covered(w: SegmentWriter, check: Check, scope: Scope) -> str:
+def _covered(w: SegmentWriter, check: Check, scope: FieldScope) -> str:
     """Return the source of the bytes that a check covers."""
     segments = w.diagnosis.segments
     if check.covers is None:
@@ -457,11 +457,11 @@ def _covered(w: SegmentWriter, check: Check, scope: Scope) -> str:
     return " .. ".join(texts) or '""'
 
 
-def _record(w: SegmentWriter, s: Record, scope: Scope) -> Entries:
+def _record(w: SegmentWriter, s: Record, scope: FieldScope) -> Entries:
     return {"kind": '"record"', "of": w.listed(s.of, inside_of(scope, s.name))}
 
 
-def _list(w: SegmentWriter, s: Repeat, scope: Scope) -> Entries:
+def _list(w: SegmentWriter, s: Repeat, scope: FieldScope) -> Entries:
     times = s.times
     entries: Entries = {
         "kind": '"list"', "align": str(s.align), "between": flag(s.between), "is_until": flag(s.until is not None),
@@ -478,11 +478,11 @@ def _list(w: SegmentWriter, s: Repeat, scope: Scope) -> Entries:
     return {**entries, "of": w.listed(s.of, inside_of(scope, s.name)), "single": single}
 
 
-def _item_end(w: SegmentWriter, s: ItemEnd, scope: Scope) -> Entries:
+def _item_end(w: SegmentWriter, s: ItemEnd, scope: FieldScope) -> Entries:
     return {"kind": '"item_end"', "until_": None if s.until is None else w._value(s.until, scope)}
 
 
-def _choose(w: SegmentWriter, s: Choose, scope: Scope) -> Entries:
+def _choose(w: SegmentWriter, s: Choose, scope: FieldScope) -> Entries:
     known = w.diagnosis.by_path
     field = known.get(nearest_path(str(s.on).strip(), s, known))
     names = field.values if isinstance(field, Field) and field.values is not None else {}
@@ -502,7 +502,7 @@ def _choose(w: SegmentWriter, s: Choose, scope: Scope) -> Entries:
     }  # fmt: skip
 
 
-def _optional(w: SegmentWriter, s: Optional, scope: Scope) -> Entries:
+def _optional(w: SegmentWriter, s: Optional, scope: FieldScope) -> Entries:
     without, nowhere = w._left_out(s.of), w._nowhere(s)
     return {
         "kind": '"optional"', "of": w.listed(s.of, scope), "may_hold": w._may_hold(s),
@@ -510,7 +510,7 @@ def _optional(w: SegmentWriter, s: Optional, scope: Scope) -> Entries:
     }  # fmt: skip
 
 
-def _wrap(w: SegmentWriter, s: Wrap, scope: Scope) -> Entries:
+def _wrap(w: SegmentWriter, s: Wrap, scope: FieldScope) -> Entries:
     fixed = w.static.all(s.of).fixed
     size = s.size
     if size is None and fixed is not None and s.escape is None:
@@ -566,7 +566,7 @@ def _no_coding(w: SegmentWriter, error: CannotSayError) -> str:
     return table({"kind": '"cannot"', "why": string(error.problem.what)})
 
 
-def _inner(w: SegmentWriter, s: Inner, scope: Scope) -> Entries:
+def _inner(w: SegmentWriter, s: Inner, scope: FieldScope) -> Entries:
     fixed = w.static.present(s).fixed
     size: int | Expression | None = s.size if s.size != "rest" else None
     size = fixed if size is None and fixed is not None else size
@@ -577,11 +577,11 @@ def _inner(w: SegmentWriter, s: Inner, scope: Scope) -> Entries:
     }  # fmt: skip
 
 
-def _nested(w: SegmentWriter, s: Nested, scope: Scope) -> Entries:
+def _nested(w: SegmentWriter, s: Nested, scope: FieldScope) -> Entries:
     return {"kind": '"nested"', "frame": string(s.frame)}
 
 
-_KINDS: Mapping[type[Segment], Callable[[SegmentWriter, Any, Scope], Entries]] = {
+_KINDS: Mapping[type[Segment], Callable[[SegmentWriter, Any, FieldScope], Entries]] = {
     Const: _const, Skip: _skip, Fill: _fill, Field: _field, Length: _length, Count: _count, Bits: _bits, Data: _data,
     Value: _value, Require: _require, Check: _check, Record: _record, Repeat: _list, ItemEnd: _item_end,
     Choose: _choose, Optional: _optional, Wrap: _wrap, Inner: _inner, Nested: _nested,

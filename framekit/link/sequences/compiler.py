@@ -235,8 +235,8 @@ _USED = (
     "unclear",
 )  # fmt: skip
 _OF_RUNS = (
-    "AGAIN", "BREAK", "BYTE", "Asking", "Bad", "CLOSED", "Call", "Changing", "CompiledSequence", "Failed", "GO", "Hold",
-    "Item", "NOISE", "NOT_TAKEN", "Other", "Pause", "RESTART", "State", "TIMEOUT", "Wait",
+    "AGAIN", "BREAK", "BYTE", "CLOSED", "GO", "NOISE", "NOT_TAKEN", "RESTART", "TIMEOUT", "Asking", "Bad",
+    "Changing", "CompiledSequence", "Failed", "Item", "Other", "ParkedCall", "ParkedHold", "Pause", "State", "Wait",
 )  # fmt: skip
 _GLOBALS: dict[str, Any] = {
     **{name: getattr(runtime, name) for name in _USED},

@@ -47,15 +47,15 @@ from framekit.link.sequences.state import (
     RESTART,
     TIMEOUT,
     Bad,
-    Call,
     Changing,
     CircleError,
     CompiledSequence,
     Failed,
-    Hold,
     LaneState,
     Level,
     Parked,
+    ParkedCall,
+    ParkedHold,
     Pause,
     Run,
     SessionState,
@@ -261,7 +261,7 @@ class Machine:
         level.wait = wait
         run.expected = NO_NAMES
         run.wait_number += 1
-        if kind is Call:
+        if kind is ParkedCall:
             try:
                 count(run)
             except CircleError:
@@ -275,7 +275,7 @@ class Machine:
             self._pause(run)
             if "on_byte" in wait.events and not self.receiver.is_empty:
                 return self._go_on(run, level, BYTE, due)
-        elif kind is Hold:
+        elif kind is ParkedHold:
             run.state, run.started, run.deadline = State.HELD, self.scope.now, self.late.until
             self.late.on_wait(level.x.station, self.late.until)
         elif kind is Changing:

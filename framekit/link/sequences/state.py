@@ -1,8 +1,8 @@
 """A sequence under way: its lane, its run, the waits and events of its generators, and its time limits.
 
-A generator yields a wait: rows (`Wait`), or another wait (`Pause`, `Hold`, `Call`, `Asking`, `Changing`). The engine
-sends it a frame, or an event (see below). It yields NOT_TAKEN if no row or handler applies, AGAIN if it waits on, and
-RESTART if it waits on with its clock set anew. It returns its results, or `Failed`.
+A generator yields a wait: rows (`Wait`), or another wait (`Pause`, `ParkedHold`, `ParkedCall`, `Asking`, `Changing`).
+The engine sends it a frame, or an event (see below). It yields NOT_TAKEN if no row or handler applies, AGAIN if it
+waits on, and RESTART if it waits on with its clock set anew. It returns its results, or `Failed`.
 
 A clock begins when the last bit that the run sent has left. While a frame is arriving that fits so far, `within`
 stands still; if the bytes turn out to be no frame, the time they took is given back (guide: sequences).
@@ -140,13 +140,13 @@ class Pause(Parked):
     __slots__ = ()
 
 
-class Hold(Parked):
+class ParkedHold(Parked):
     """It waits because replies are due."""
 
     __slots__ = ()
 
 
-class Call(Parked):
+class ParkedCall(Parked):
     """It waits for the sequence `run.wanted`."""
 
     __slots__ = ()

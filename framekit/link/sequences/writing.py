@@ -722,7 +722,7 @@ class StepWriter:
 
 
 EVENTS = {"on_noise": "NOISE", "on_break": "BREAK", "on_closed": "CLOSED", "on_byte": "BYTE"}
-PARKS = {"pause": "Pause", "hold": "Hold", "call": "Call", "ask": "Asking", "line": "Changing"}
+PARKS = {"pause": "Pause", "hold": "ParkedHold", "call": "ParkedCall", "ask": "Asking", "line": "Changing"}
 
 
 def own_variables(sequence: Sequence, protocol: Protocol) -> dict[str, str]:
@@ -836,7 +836,7 @@ def _hold(step: StepWriter) -> None:
     before, step.doing = step.doing, PARKED
     events = step.handlers("on_break", "on_closed")
     name = step.called("hold")
-    step.module.constants[name] = f"Hold({quoted(step.step.name)}, (), {literal(tuple(events))})"
+    step.module.constants[name] = f"ParkedHold({quoted(step.step.name)}, (), {literal(tuple(events))})"
     step.add(f"got = yield {name}")
     if events:
         with step.out.block("while got is not GO:"):

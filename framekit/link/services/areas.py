@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.services import Area, held_type
+from framekit.definition.model.services import AreaModel, held_type
 from framekit.link.addresses import Address, AddressGrammar, code_of
 from framekit.link.frame_table import ProtocolCodec
 from framekit.link.packing import cut_memory
@@ -65,7 +65,7 @@ class AreaUnit:
     )  # fmt: skip
 
     def __init__(
-        self, model: Area | None, device: DeviceMemory, memory: str, unit: str, offset: int = 0,
+        self, model: AreaModel | None, device: DeviceMemory, memory: str, unit: str, offset: int = 0,
         build: Callable[[Names], bytes] | None = None, *, read_only: bool = False, type_: str | None = None,
         shift: int = 0,
     ) -> None:  # fmt: skip
@@ -255,7 +255,7 @@ class DeviceAreas:
         return self._made(None, memory, own if unit in (None, OWN) else str(unit))
 
     def _made(
-        self, model: Area | None, memory: str, unit: str, offset: int = 0,
+        self, model: AreaModel | None, memory: str, unit: str, offset: int = 0,
         build: Callable[[Names], bytes] | None = None, *, shift: int = 0,
     ) -> AreaUnit:  # fmt: skip
         type_ = None if model is None else held_type(self._forms, model, unit)
@@ -264,7 +264,7 @@ class DeviceAreas:
         )
         return made if self.written is None else ToldUnit(made, self.written)
 
-    def _builder(self, area: Area) -> Callable[[Names], bytes]:
+    def _builder(self, area: AreaModel) -> Callable[[Names], bytes]:
         """Return a function that builds the bytes of an area from its layout and the record with this layout.
 
         Without such a record, the layout has no values but its own formulas.

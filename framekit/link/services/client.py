@@ -18,17 +18,17 @@ from framekit.definition.model import protocol as model
 from framekit.definition.model.frames import expressions_of, parts_of
 from framekit.definition.model.values import FrameOf, LayoutOf
 from framekit.link.addresses import Address
-from framekit.link.events import Asked, Command, Exchange, Outcome
+from framekit.link.events import Command, Exchange, Outcome, ServiceDone
 from framekit.link.frame_table import FrameTable, ProtocolCodec
 from framekit.link.own_echo import CAUSES, UNPROVED, EchoState, OwnEcho, Prove
 from framekit.link.packing import cut_memory, in_unit, join_memory, memory_of, reader_of
 from framekit.link.scope import Scope
 from framekit.link.services.replies import ErrorReader, ReadPieces, ReplyReader, ReplyRefusal
-from framekit.link.services.rows import Piece, Plan, Planner, RowFacts, ServiceError, arguments_of, rows_of
+from framekit.link.services.rows import Piece, Planner, RowFacts, RowPlan, ServiceError, arguments_of, rows_of
 from framekit.link.values import EACH, EVALUATION_ERRORS, Evaluate, FrameValue, Names, compile_expression, plain
 from framekit.memory.memory import unit_bits
 
-__all__ = ["Client", "Done", "ServiceError", "TransferResult"]
+__all__ = ["Done", "ServiceClient", "ServiceError", "TransferResult"]
 
 MOST_PROOFS = 4
 """Upper limit of the reads that prove a suspected reply."""
@@ -223,7 +223,7 @@ class TransferPlan:
         "wanted",
     )
 
-    def __init__(self, plans: Sequence[Plan], exchanges: Sequence[Prepared], wanted: Sequence[Wanted]) -> None:
+    def __init__(self, plans: Sequence[RowPlan], exchanges: Sequence[Prepared], wanted: Sequence[Wanted]) -> None:
         self.plans, self.exchanges, self.wanted = plans, exchanges, wanted
         self.sent = [one.made for one in exchanges]
         self.given = [
@@ -276,7 +276,7 @@ class TransferPlan:
         return TransferResult(True, values, join_memory(found))
 
 
-class Read:
+class ReadCall:
     """A read by its arguments. Its plan is kept until a parameter changes, if only parameters decide on it."""
 
     __slots__ = ("_key", "_plan", "_settings", "spare")
@@ -288,7 +288,7 @@ class Read:
         self.spare: Transfer | None = None
         """A finished transfer that can be begun again."""
 
-    def plan(self, client: Client) -> TransferPlan:
+    def plan(self, client: ServiceClient) -> TransferPlan:
         """Return the plan. Raises AddressError, ServiceError, PackingError."""
         plan = self._plan
         if plan is None or client.engine.scope.settings != self._settings:
@@ -297,8 +297,8 @@ class Read:
             self._settings = client.engine.scope.settings
         return plan
 
-    def start(self, client: Client, now: int, on_done: Done) -> Transfer:
-        """Begin the read, as `Client.read`."""
+    def start(self, client: ServiceClient, now: int, on_done: Done) -> Transfer:
+        """Begin the read, as `ServiceClient.read`."""
         plan, spare = self.plan(client), self.spare
         if spare is not None:
             self.spare = None
@@ -382,7 +382,7 @@ class Transfer(Exchange):
     )  # fmt: skip
 
     def __init__(
-        self, plan: TransferPlan, engine: Starts, now: int, on_done: Done, read: Read | None = None
+        self, plan: TransferPlan, engine: Starts, now: int, on_done: Done, read: ReadCall | None = None
     ) -> None:  # fmt: skip
         self._plan, self._engine, self._done = plan, engine, on_done
         self._read = read
@@ -531,7 +531,7 @@ def _ended(result: TransferResult) -> None:
     """Ignore the result of a transfer that has ended before."""
 
 
-class Client:
+class ServiceClient:
     """READ, WRITE and other services over one engine.
 
     Every method gives the transfer that it begins, with the engine's commands, and calls `on_done` exactly once,
@@ -550,7 +550,7 @@ class Client:
         default = protocol.station.default
         self._default_station = None if default is None else compile_expression(default)(Names())
         self.lasting = LastingPlans(engine.scope, engine.need_names)
-        self._reads: dict[ReadKey, Read] = {}
+        self._reads: dict[ReadKey, ReadCall] = {}
         self._rows = {facts: ClientRow(facts, errors) for rows in self.shared.rows.values() for facts in rows}
 
     # ---- read and write -----------------------------------------------------------------------------------
@@ -565,13 +565,13 @@ class Client:
             return Transfer(self.planned_read(key, params), self.engine, now, on_done)
         return self.reading(key).start(self, now, on_done)
 
-    def reading(self, key: ReadKey) -> Read:
+    def reading(self, key: ReadKey) -> ReadCall:
         """Return a read without parameters of its own, which is planned when it begins."""
         found = self._reads.get(key)
         if found is None:
             if len(self._reads) >= MOST_KEPT:
                 self._reads.clear()
-            found = self._reads[key] = Read(key)
+            found = self._reads[key] = ReadCall(key)
         return found
 
     def planned_read(self, key: ReadKey, params: Mapping[str, Any] | None) -> TransferPlan:
@@ -675,13 +675,13 @@ class Client:
         given = unit or place.unit
         return in_unit(memory_of(values, given), self._order(place), given, place.unit)
 
-    def _planned(self, plans: Sequence[Plan], wanted: Sequence[Wanted], names: Names) -> TransferPlan:
+    def _planned(self, plans: Sequence[RowPlan], wanted: Sequence[Wanted], names: Names) -> TransferPlan:
         """Return the exchanges of all plans; `wanted` are the parts of the read. Raises ServiceError."""
         given = given_in(names)
         exchanges = [self._prepared(plan, pieces, names, given) for plan in plans for pieces in plan.exchanges]
         return TransferPlan(plans, exchanges, wanted)
 
-    def _prepared(self, plan: Plan, pieces: tuple[Piece, ...], names: Names, params: Mapping[str, Any]) -> Prepared:
+    def _prepared(self, plan: RowPlan, pieces: tuple[Piece, ...], names: Names, params: Mapping[str, Any]) -> Prepared:
         offered = names
         if pieces:
             variables = [self.planner.offered(plan, piece) for piece in pieces]
@@ -718,7 +718,7 @@ class Client:
         """Runs any service but read and write. One address stands for `count` elements, several for one each."""
         return self._call(service, arguments or {}, station, addresses, unit, count, params, on_done, None, now)
 
-    def ask(self, service: str, arguments: dict[str, Any], station: Any, done: Asked) -> None:
+    def ask(self, service: str, arguments: dict[str, Any], station: Any, done: ServiceDone) -> None:
         """For the engine's `ask` steps: a service whose exchanges run inside the step. A refusal is a failure."""
 
         def ended(result: TransferResult) -> None:
@@ -740,7 +740,7 @@ class Client:
         each = count if len(addresses) == 1 else 1
         pieces = [Piece(*self._place(address, unit, each)) for address in addresses]
         facts, offered = self._row_for(rows, arguments, pieces, names)
-        plan = Plan(
+        plan = RowPlan(
             facts, (tuple(pieces),), 0, sum(piece.count for piece in pieces), 0, sum(piece.bits for piece in pieces)
         )
         prepared = self._prepared(plan, tuple(pieces), offered, given_in(names))

@@ -26,7 +26,7 @@ from framekit.link.packing import PackingError, memory_of, memory_of_numbers, nu
 from framekit.link.services.areas import AreaUnit, Codes, DeviceAreas
 from framekit.link.services.row_names import KNOWN, WriterLevel, Written, said
 from framekit.link.services.rows import RowFacts, padded_names
-from framekit.link.value_source import FunctionWriter
+from framekit.link.value_source import FunctionSource
 from framekit.link.values import (
     EACH,
     EVALUATION_ERRORS,
@@ -225,7 +225,7 @@ class RowWriter:
             "views": self.grammar.views,
             "fill_echo": self.shared.table.fill_echo,
         }
-        self.writer = FunctionWriter(self.shared.table, given)
+        self.writer = FunctionSource(self.shared.table, given)
         self.out, self.values = self.writer.body, self.writer.values
         self._variables = 0
 

@@ -13,7 +13,7 @@ from framekit.definition.model.services import AS_NUMBERS, ReplyRow
 from framekit.definition.model.values import EachOf, FrameOf, LayoutOf, ListOf, RecordOf, Value
 from framekit.link.packing import PackingError, memory_of_numbers
 from framekit.link.services.rows import Piece, RowFacts, ServiceRows, padded_names
-from framekit.link.value_source import LOOKED_UP, FunctionWriter
+from framekit.link.value_source import LOOKED_UP, FunctionSource
 from framekit.link.values import (
     EACH,
     EVALUATION_ERRORS,
@@ -178,7 +178,7 @@ class FindWriter:
     def __init__(self, shared: ServiceRows, row: ReplyRow, is_transfer: bool) -> None:
         self.shared, self.row, self.is_transfer = shared, row, is_transfer
         given = {"present": present, "listed": listed, "read_layout": read_layout}
-        self.writer = FunctionWriter(shared.table, given)
+        self.writer = FunctionSource(shared.table, given)
         self.out = self.writer.body
         self.of_some = any(each.when is not None for each in parts_of([row.frame, row.buffer], EachOf))
         """Lists are for some of the variables each: their data are sorted by the order of the variables."""

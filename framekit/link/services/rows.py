@@ -17,7 +17,7 @@ from framekit.definition.model.frames import everything, parts_of
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import Argument
 from framekit.definition.model.segments import Data, Segment
-from framekit.definition.model.services import AS_NUMBERS, COUNTING, Area, Refusal, ServiceRow, mentions_of
+from framekit.definition.model.services import AS_NUMBERS, COUNTING, AreaModel, Refusal, ServiceRow, mentions_of
 from framekit.definition.model.values import EachOf, FrameOf
 from framekit.definition.problems import did_you_mean, listed
 from framekit.link.addresses import Address, AddressGrammar, code_of
@@ -118,7 +118,7 @@ class RowFacts:
                     found[name] = numbers[field]
         return found
 
-    def fits(self, area: Area, unit: str) -> bool:
+    def fits(self, area: AreaModel, unit: str) -> bool:
         """Return whether the row can carry elements of `unit` of `area`, its condition aside."""
         row = self.row
         if row.areas and area.name not in row.areas:
@@ -198,7 +198,7 @@ class Piece:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class RowPlan:
     """A row and the exchanges that do the whole: each has one piece, or several where the row carries a list.
 
     `skip` is the number of bits that were added in front of the first piece to align it, `bits` those that were wanted.
@@ -219,7 +219,7 @@ class Planner:
         self.shared = shared
         self.grammar = shared.grammar
 
-    def plan(self, service: str, piece: Piece, names: Names, *, listed: bool = False) -> Plan:
+    def plan(self, service: str, piece: Piece, names: Names, *, listed: bool = False) -> RowPlan:
         """Return the exchanges for one range of elements. Raise ServiceError when no row carries it.
 
         A range whose unit no row takes is carried in a unit of the area; a write only if it begins and ends with that.
@@ -234,7 +234,7 @@ class Planner:
                 found = self._by_row(facts, carried, names, listed)
                 if found is not None:
                     exchanges, more = found
-                    return Plan(facts, exchanges, carried.address.start, carried.count, skip + more, piece.bits)
+                    return RowPlan(facts, exchanges, carried.address.start, carried.count, skip + more, piece.bits)
         area = self.shared.protocol.areas[piece.address.area]
         if piece.data is not None and area.access == "read":
             raise ServiceError(f"{piece.address} is in area {area.name}, which can only be read")
@@ -357,10 +357,10 @@ class Planner:
 
     # ---- lists of variables -------------------------------------------------------------------------------
 
-    def plan_list(self, service: str, pieces: Sequence[Piece], names: Names) -> list[Plan]:
+    def plan_list(self, service: str, pieces: Sequence[Piece], names: Names) -> list[RowPlan]:
         """Return the exchanges for single variables, in their order: as lists if a row carries lists, else one each."""
-        plans: list[Plan] = []
-        waiting: list[Plan] = []
+        plans: list[RowPlan] = []
+        waiting: list[RowPlan] = []
         for piece in pieces:
             try:
                 plan = self.plan(service, piece, names, listed=True)
@@ -372,11 +372,11 @@ class Planner:
             (waiting if plan.facts.row.most_variables else plans).append(plan)
         return plans + self._joined(waiting, names)
 
-    def _alike(self, one: Plan, other: Plan) -> bool:
+    def _alike(self, one: RowPlan, other: RowPlan) -> bool:
         same = one.facts.row.same
         return one.facts is other.facts and (same is None or getattr(_place(one), same) == getattr(_place(other), same))
 
-    def _joined(self, plans: list[Plan], names: Names) -> list[Plan]:
+    def _joined(self, plans: list[RowPlan], names: Names) -> list[RowPlan]:
         """Return the plans of a row joined into few exchanges; an aligned plan stays separate."""
         if not plans or any(sum(p.bits for e in plan.exchanges for p in e) != plan.bits for plan in plans):
             return plans
@@ -385,7 +385,7 @@ class Planner:
         offered = Names(facts.names(pieces[0].address, pieces[0].count), names)
         exchanges = self.grouped(facts, pieces, offered)
         total = sum(piece.count for piece in pieces)
-        return [Plan(facts, exchanges, pieces[0].address.start, total, 0, sum(piece.bits for piece in pieces))]
+        return [RowPlan(facts, exchanges, pieces[0].address.start, total, 0, sum(piece.bits for piece in pieces))]
 
     def grouped(self, facts: RowFacts, pieces: Sequence[Piece], offered: Names) -> tuple[tuple[Piece, ...], ...]:
         """Return the pieces in groups that one request can carry."""
@@ -404,7 +404,7 @@ class Planner:
 
     # ---- names --------------------------------------------------------------------------------------------
 
-    def offered(self, plan: Plan, piece: Piece) -> dict[str, Any]:
+    def offered(self, plan: RowPlan, piece: Piece) -> dict[str, Any]:
         """Return the names that a row offers for one piece of a plan. Raise AddressError."""
         return self._offered(plan.facts, piece, plan.first, plan.total)
 
@@ -422,7 +422,7 @@ class Planner:
         return found
 
 
-def _place(plan: Plan) -> Address:
+def _place(plan: RowPlan) -> Address:
     """Return the address of the first piece of a plan."""
     return plan.exchanges[0][0].address
 

@@ -9,7 +9,7 @@ from extras.guess.uart import SECOND, UartPort, Wire, receive
 from spread import many
 
 from framekit.definition.times import LineFormat, parse_format
-from framekit.extras.guess.line_trial import FORMATS, SPEEDS, HeardAt, LineTrial, Verdict, judge
+from framekit.extras.guess.line_trial import FORMATS, SPEEDS, HeardAt, LineTrial, TrialResult, judge
 from framekit.link.events import CharacterFault, LineFault
 from framekit.transport.clock import VirtualClock
 from framekit.transport.port import PortEvents
@@ -70,7 +70,7 @@ def heard_at(wire: Wire, line: LineFormat) -> HeardAt:
     return found
 
 
-def verdict_on(wire: Wire, lines: list[LineFormat] = LINES) -> Verdict:
+def verdict_on(wire: Wire, lines: list[LineFormat] = LINES) -> TrialResult:
     """Return the verdict of a trial with these line settings, without simulating its durations."""
     heard = [heard_at(wire, line) for line in lines]
     best = [one for one in judge(heard).ranking if one.characters][:3]
@@ -183,8 +183,8 @@ def test_where_damage_is_not_seen_only_text_speaks_for_a_speed() -> None:
 # ---- a trial --------------------------------------------------------------------------------------------------
 
 
-def tried(port: UartPort, clock: VirtualClock, lines: list[LineFormat], stop_after: int = 0) -> tuple[Verdict, str]:
-    ended: list[tuple[Verdict, str]] = []
+def tried(port: UartPort, clock: VirtualClock, lines: list[LineFormat], stop_after: int = 0) -> tuple[TrialResult, str]:
+    ended: list[tuple[TrialResult, str]] = []
     told: list[str] = []
     trial = LineTrial(
         port, clock, lines, lambda *end: ended.append(end), on_result=lambda one: told.append(str(one.line))
@@ -239,7 +239,7 @@ def test_a_port_that_is_lost_ends_a_trial() -> None:
             self.clock.call_soon(lambda: events.closed(self.clock.now(), "the device is gone"))
 
     clock = VirtualClock()
-    ended: list[tuple[Verdict, str]] = []
+    ended: list[tuple[TrialResult, str]] = []
     LineTrial(Lost(Wire(), clock), clock, LINES, lambda *end: ended.append(end)).start()
     while clock.advance():
         pass

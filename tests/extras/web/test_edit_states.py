@@ -9,13 +9,13 @@ from extras.web.edit_world import LAMP, asked, written
 
 from framekit.api.codec import load
 from framekit.definition.sources import shipped_definitions
-from framekit.extras.documents.diagrams import Arrow, State, Target, sequence_states
+from framekit.extras.documents.diagrams import Arrow, ArrowEnd, DiagramState, sequence_states
 from framekit.extras.web.edit_states import MOST_STATES, states_svg
 
 SVG = "{http://www.w3.org/2000/svg}"
 
 
-def drawn(states: tuple[State, ...], title: str = "a") -> ElementTree.Element:
+def drawn(states: tuple[DiagramState, ...], title: str = "a") -> ElementTree.Element:
     return ElementTree.fromstring(states_svg(title, states))
 
 
@@ -35,7 +35,8 @@ def test_states_of_a_shipped_sequence() -> None:
 def test_vertical_lines_that_pass_each_other_have_places_of_their_own() -> None:
     steps = [f"s{number}" for number in range(8)]
     states = tuple(
-        State(name, name, tuple(Arrow("", Target("step", other)) for other in steps if other != name)) for name in steps
+        DiagramState(name, name, tuple(Arrow("", ArrowEnd("step", other)) for other in steps if other != name))
+        for name in steps
     )
     paths = [one.get("d") or "" for one in drawn(states).iter(f"{SVG}path") if one.get("class") == "line"][1:]
     across = [path.split("H")[1].partition("M")[0] for path in paths]
@@ -44,7 +45,9 @@ def test_vertical_lines_that_pass_each_other_have_places_of_their_own() -> None:
 
 def test_names_are_texts_and_long_ones_are_cut() -> None:
     name = '<script>"x"</script>&\u202e'
-    picture = drawn((State(name, f"{name} · send {'x' * 500}", (Arrow("y" * 500, Target("failed", name)),)),), name)
+    picture = drawn(
+        (DiagramState(name, f"{name} · send {'x' * 500}", (Arrow("y" * 500, ArrowEnd("failed", name)),)),), name
+    )
     assert not list(picture.iter(f"{SVG}script"))
     assert all(len(text) <= 80 for text in texts(picture, "does") + texts(picture, "event"))
     (event,) = (one for one in picture.iter(f"{SVG}text") if one.get("class") == "event")
@@ -52,7 +55,9 @@ def test_names_are_texts_and_long_ones_are_cut() -> None:
 
 
 def test_a_long_sequence_is_drawn_in_part() -> None:
-    states = tuple(State(f"s{n}", f"s{n}", (Arrow("", Target("step", f"s{n + 1}")),)) for n in range(MOST_STATES + 50))
+    states = tuple(
+        DiagramState(f"s{n}", f"s{n}", (Arrow("", ArrowEnd("step", f"s{n + 1}")),)) for n in range(MOST_STATES + 50)
+    )
     picture = drawn(states)
     assert len(texts(picture, "name")) == MOST_STATES
     assert texts(picture, "target")[-1] == f"s{MOST_STATES} …"

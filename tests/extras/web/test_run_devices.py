@@ -23,7 +23,7 @@ from framekit.extras.web.board import WebBoard, WebSession
 from framekit.extras.web.server import PageApp
 from framekit.extras.web.shown import Shown, shown_devices, shown_run
 from framekit.extras.web.web_page import WebPage
-from framekit.run.trouble import Count
+from framekit.run.trouble import SampleCount
 
 HOME = "http://127.0.0.1:8040"
 HOLDING = 2
@@ -151,7 +151,7 @@ def test_a_late_station_is_a_notice_with_the_advised_time(tmp_path: Path) -> Non
 
 def test_trouble_of_a_sink_is_a_notice_until_it_is_over(tmp_path: Path) -> None:
     pages = Pages(tmp_path)
-    source = pages.run.trouble_source("sink csv: plant.csv", lambda: "3 samples wait", lambda: Count(3), "sample")
+    source = pages.run.trouble_source("sink csv: plant.csv", lambda: "3 samples wait", lambda: SampleCount(3), "sample")
     source.begins("No space left on device")
     pages.run.run_for("2 s")
     pages.of_run.look()
