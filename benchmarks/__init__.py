@@ -1,1 +1,4 @@
-"""Speed as ratios, measured side by side in one run. `python -m benchmarks` (or `make bench`) prints all of them."""
+"""Speed as ratios, measured alternately in one run.
+
+`python -m benchmarks` (or `make bench`) prints all of them.
+"""

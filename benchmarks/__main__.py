@@ -1,6 +1,7 @@
-"""Runs the benchmarks and prints their table; `--json FILE` writes the figures too.
+"""Run the benchmarks and print their table; `--json FILE` also writes the figures.
 
-`python -m benchmarks` runs all; `python -m benchmarks codecs receiver` runs the modules of `benchmarks/rows` so called.
+`python -m benchmarks` runs all; `python -m benchmarks codecs receiver` runs the modules of this name in
+`benchmarks/rows`.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ def main() -> int:
 
 
 def _run(name: str, rounds: int) -> dict[str, Any]:
-    """One module's table on the screen, and its figures."""
+    """Print the table of a module, and return its figures."""
     module: Any = import_module(f"benchmarks.rows.{name}")
     begin = time.perf_counter()
     rows = module.run(rounds)

@@ -19,7 +19,7 @@ from framekit.extras.archive.archive import archive
 
 
 def made(folder: Path, count: int, frames: int) -> list[Path]:
-    """So many captures, with the same frames in each."""
+    """Write captures, with the same frames in each."""
     data = b"".join(requests_and_replies(codec_of("modbus-rtu"), frames // count))
     paths = [folder / f"hour{number:04}.pcap" for number in range(count)]
     for path in paths:
@@ -28,7 +28,7 @@ def made(folder: Path, count: int, frames: int) -> list[Path]:
 
 
 def written_again(table: Path, target: Path) -> int:
-    """Writes the rows of an archive once more from memory; how long (ns) the library takes for it."""
+    """Write the rows of an archive again from memory; return the time (ns) that the library takes."""
     from pyarrow import parquet
 
     taken = 0

@@ -55,7 +55,10 @@ WRITE = Struct(
 
 
 def in_construct(frame: str, values: Fields) -> tuple[Construct, Fields] | None:
-    """The construct of a benchmarked frame, and its values as that wants them; None for frames not written here."""
+    """Return the construct of a benchmarked frame, and its values in construct's form.
+
+    None for frames not written here.
+    """
     if frame == "reply_adu":
         content = {"station": values["station"], "values": values["pdu"]["read_holding_reply"]["values"]}
         return REPLY, {"content": {"value": content}}
@@ -67,7 +70,7 @@ def in_construct(frame: str, values: Fields) -> tuple[Construct, Fields] | None:
 
 
 def kaitai_reply() -> Callable[[bytes], object]:
-    """A decoder of the register reply on the runtime of Kaitai Struct, in the form its compiler gives."""
+    """Return a decoder of the register reply on Kaitai Struct's runtime, in the form of its compiler's output."""
     from kaitaistruct import KaitaiStream, KaitaiStruct, ValidationNotEqualError
 
     class ReplyAdu(KaitaiStruct):  # type: ignore[misc]

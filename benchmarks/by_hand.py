@@ -65,7 +65,7 @@ REGISTER_KEYS = frozenset({"function", "bytes", "values"})
 
 
 def decode_individual(data: bytes) -> Fields:
-    """The reply: ACK, station, r, SS, blocks, then byte count and digits of each, ETX, sum."""
+    """Decode the reply: ACK, station, r, SS, blocks, then byte count and digits of each, ETX, sum."""
     if data[0] != 6 or data[-3] != 3:
         raise BadFrameError("constant")
     if b"%02X" % (sum(data[:-2]) & 0xFF) != data[-2:]:

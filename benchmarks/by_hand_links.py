@@ -1,4 +1,4 @@
-"""Hand-written codecs of two links with more to them: doubled escape bytes, and mailboxes of many small fields."""
+"""Hand-written codecs of two complex links: doubled escape bytes, and mailboxes of many small fields."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ REQUEST = Struct(">BBHH")
 REPLY_HEAD = Struct(">BBB")
 PACKET = Struct("<BBBBH")
 REPLIES = [Struct(f">BBB{count}H").pack for count in range(126)]
-"""By the number of registers; bound methods are sooner called."""
+"""By number of registers; bound methods, since their calls are faster."""
 WORD = Struct("<H")
 
 

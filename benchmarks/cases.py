@@ -1,4 +1,4 @@
-"""The benchmarked frames: values, and what encodes and decodes them by hand."""
+"""The benchmarked frames: values, and hand-written encoders and decoders."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Fields = dict[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A frame with its values, and what encodes and decodes it by hand."""
+    """A frame with its values, and its hand-written encoder and decoder."""
 
     name: str
     protocol: str
@@ -42,7 +42,7 @@ class Case:
         return codec_of(self.protocol)
 
     def checked(self) -> tuple[bytes, Fields]:
-        """The frame's bytes and everything read from them; by hand they are the same, or this raises."""
+        """Return the frame's bytes and decoded values; assert that the hand-written functions agree."""
         data = self.codec.encode(self.frame, self.values)
         fields = self.codec.decode(self.frame, data)
         assert self.encode(self.values) == data, self.name
@@ -52,7 +52,7 @@ class Case:
 
 @cache
 def codec_of(protocol: str) -> Codec:
-    """The codec of a shipped protocol."""
+    """Return the codec of a shipped protocol."""
     return compile_protocol(load_protocol(protocol))
 
 
@@ -61,7 +61,7 @@ def registers(count: int) -> Fields:
 
 
 def builder_of(protocol: str, *frames: str) -> Callable[..., bytes]:
-    """What builds these frames, each inside the one before it, of named values."""
+    """Return a builder of these frames, each nested in the one before it, from named values."""
     codec = codec_of(protocol)
     return Builders(codec, codec.defaults).builder(*frames)
 
@@ -103,14 +103,14 @@ class Named:
     by_hand: Callable[..., bytes]
 
     def checked(self) -> Callable[..., bytes]:
-        """The builder; by hand the bytes are the same, or this raises."""
+        """Return the builder; assert that the hand-written function builds the same bytes."""
         build = builder_of(self.protocol, *self.frames)
         assert build(**self.values) == self.by_hand(**self.values), self.name
         return build
 
 
 REGISTERS = str(Path(__file__).parent / "registers.yaml")
-"""The register reply with registers as numbers."""
+"""Definition of the register reply with registers as numbers."""
 REPLY = ("reply_adu", "read_holding_reply")
 PACKET_VALUES = TYPED_READ["packet"]["reply"]
 

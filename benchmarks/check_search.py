@@ -33,7 +33,7 @@ class Frames:
 
 
 def drawn(rng: random.Random, kind: str) -> Frames:
-    """20 frames of three sizes, big end first. Kinds: plain, unlisted (any polynomial), inside, damaged."""
+    """Draw 20 frames of three sizes, big-endian. Kinds: plain, unlisted (any polynomial), inside, damaged."""
     method = rng.choice([one.method for one in crc_catalogue() if one.method.width in (16, 32)])
     words: Words = method.width, method.poly, method.initial, method.refin, method.refout, method.xorout
     if kind == "unlisted":

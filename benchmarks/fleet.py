@@ -39,7 +39,7 @@ EVERY = 5
 
 
 def write_gateway(folder: Path, number: int, port: int, points: int) -> Path:
-    """The run file of one gateway: points of one simulated device, read together, published with QoS 1."""
+    """Write the run file of a gateway: points of one simulated device, read together, published with QoS 1."""
     name = f"gw{number:03}"
     here = folder / name
     here.mkdir()
@@ -59,7 +59,7 @@ def write_gateway(folder: Path, number: int, port: int, points: int) -> Path:
 
 
 def work(paths: list[Path], ended: Any, results: Any) -> None:
-    """Carries out several gateways in one process until the event is set; sends what became of their sinks."""
+    """Run several gateways in one process until the event is set; send the counters of their sinks."""
     asyncio.run(_work(paths, ended, results))
 
 
@@ -123,7 +123,7 @@ class Broker:
 
 
 class Subscriber:
-    """Gets all values, also those of the time when it was cut off: the broker keeps its session."""
+    """A subscriber of all values, including those during its disconnection: the broker keeps its session."""
 
     def __init__(self, port: int) -> None:
         self.got: dict[str, list[int]] = {}
@@ -141,11 +141,11 @@ class Subscriber:
             self.got.setdefault(message.topic, []).append(int(message.payload))
 
     def missing(self) -> int:
-        """Counts between the first and the last of a point that never came."""
+        """Return the counts between the first and the last of a point that never arrived."""
         return sum(len(set(range(some[0], some[-1] + 1)) - set(some)) for some in self.got.values())
 
     def out_of_order(self) -> int:
-        """Counts that came after a greater one for the first time."""
+        """Return the counts that first arrived after a greater count."""
         found = 0
         for some in self.got.values():
             seen: set[int] = set()
@@ -160,7 +160,7 @@ class Subscriber:
 
 
 def until_all(fleet: Fleet, count: int, holds: Callable[[Any], object]) -> float:
-    """Seconds until that many gateways are there and something holds of them."""
+    """Return the seconds until this number of gateways is online and fulfils a condition."""
     began = time.monotonic()
     while sum(1 for one in list(fleet.members.values()) if one.online and holds(one)) < count:
         assert time.monotonic() < began + 300, "they are not all there"

@@ -26,19 +26,19 @@ from framekit.extras.guess.stuffing import StuffingError, plain_frame
 FOLDER = Path(__file__).parent.parent / "tests" / "data" / "guess"
 COUNTS = (5, 10, 20, 50, 100, 200)
 LEAST_DAMAGED = 20
-"""From so many frames on at least one is damaged: 1 % of fewer is none."""
+"""Number of frames from which on at least one is damaged: 1 % of fewer frames is none."""
 
 Size = Callable[[bytes, bool], int]
-"""The size of the frame that these bytes begin with; whether the client sent it."""
+"""A function of the bytes at a frame's start, and whether the client sent them; it returns the frame's size."""
 
 
 def number(offset: int, width: int, order: str, plus: int) -> Size:
-    """A length field of so many bytes, and so many more bytes."""
+    """Return a size function for a length field; `plus` bytes are not counted by it."""
     return lambda data, asked: int.from_bytes(data[offset : offset + width], order) + plus  # type: ignore[arg-type]
 
 
 def ended(end: bytes) -> Size:
-    """A mark at the end."""
+    """Return a size function for a mark at the end."""
     return lambda data, asked: data.find(end, 1) + len(end)
 
 
@@ -149,7 +149,10 @@ TRUTHS = {
 
 @dataclass
 class RealCase:
-    """The first frames of a file. `good`: those that are not damaged; `all`: every frame of the file, and its way."""
+    """The first frames of a file.
+
+    `good` are the undamaged frames; `all` is every frame of the file with its direction.
+    """
 
     name: str
     truth: RealTruth
@@ -161,7 +164,7 @@ class RealCase:
 
 
 def case_of(name: str, count: int, damage: random.Random | None = None) -> RealCase:
-    """The first `count` frames of a file; with `damage` 1 % of them have one bit wrong."""
+    """Return the first `count` frames of a file; with `damage`, 1 % of them have a wrong bit."""
     truth, chunks = TRUTHS[name], heard(FOLDER / f"{name}.pcap")
     client = chunks[0].direction
     streams = {way: b"".join(one.data for one in chunks if one.direction == way) for way in ("in", "out")}
@@ -265,7 +268,7 @@ def _wrong_fields(found: Guess, truth: RealTruth) -> list[str]:
 
 
 def cases_of(name: str, seed: int) -> list[RealCase]:
-    """All cases of a file."""
+    """Return all cases of a file."""
     whole = len(case_of(name, 1 << 30).spans)
     counts = [count for count in COUNTS if count < whole] + [min(whole, COUNTS[-1])]
     found = []

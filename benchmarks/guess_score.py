@@ -29,7 +29,7 @@ CHARACTER = 1_041_666
 
 
 def bitwise_crc(data: bytes, width: int, poly: int, init: int, refin: bool, refout: bool, xorout: int) -> int:
-    """A CRC, a bit at a time, as catalogues define it."""
+    """Compute a CRC bit by bit, as catalogues define it."""
     register, top, ones = init, 1 << width - 1, (1 << width) - 1
     for byte in data:
         for place in range(8):
@@ -88,13 +88,13 @@ def draw_check(rng: random.Random, text: bool, start_mark: int) -> Check:
 
 @dataclass
 class Protocol:
-    """The truth of one made-up protocol."""
+    """The truth of a random protocol."""
 
     framing: str
     start: bytes = b""
     end: bytes = b""
     length: tuple[int, int, str, int] | None = None
-    """Offset, width, order, and how many bytes of the frame it does not count."""
+    """Offset, width, order, and number of bytes of the frame that it does not count."""
     escape: str = ""
     check: Check = field(default_factory=lambda: Check("none"))
     text: bool = False
@@ -105,7 +105,7 @@ class Protocol:
 
 
 def draw_protocol(rng: random.Random) -> Protocol:
-    """Any framing, with fields and a check."""
+    """Draw a protocol with any framing, fields and a check code."""
     framing = rng.choice(["start_end", "end", "length", "length", "fixed", "pauses", "hdlc", "slip", "cobs", "dle"])
     made = Protocol(framing)
     made.counter = rng.random() < 0.3
@@ -141,7 +141,7 @@ def draw_protocol(rng: random.Random) -> Protocol:
 
 
 def build(made: Protocol, rng: random.Random, number: int, reply: bool, asked: bytes) -> tuple[bytes, bytes]:
-    """A frame: the content it starts from (for the reply to repeat), and its bytes on the line."""
+    """Build a frame; return its content, which the reply repeats, and its bytes on the line."""
     if made.text:
         station = asked[:2] if reply else b"%02X" % rng.choice(made.stations)
         function = asked[2:4] if reply else b"%02X" % rng.choice(made.functions)
@@ -161,7 +161,7 @@ def build(made: Protocol, rng: random.Random, number: int, reply: bool, asked: b
 
 
 def framed(made: Protocol, content: bytes) -> bytes:
-    """The content with its length, check, stuffing and marks."""
+    """Return the content with its length, check code, stuffing and marks."""
     check, stuffed = made.check, made.framing in ("hdlc", "slip", "cobs", "dle")
     start = b"" if stuffed else made.start
     if made.length is not None:
@@ -200,7 +200,7 @@ def framed(made: Protocol, content: bytes) -> bytes:
 
 @dataclass
 class Case:
-    """A recording of a made-up protocol, and its truth."""
+    """A recording of a random protocol, and its truth."""
 
     seed: int
     made: Protocol
@@ -211,7 +211,7 @@ class Case:
 
 
 def draw_case(seed: int) -> Case:
-    """5 to 200 frames, on one wire or two, some cut in two or two together, clean or with 1 % of frames damaged."""
+    """Draw 5 to 200 frames, on one wire or two, some split or joined, clean or with 1 % damaged frames."""
     rng = random.Random(seed)
     made = draw_protocol(rng)
     damage = rng.choice([0.0, 0.01])
@@ -320,7 +320,7 @@ def _wrong_fields(found: Guess, case: Case) -> list[str]:
 
 
 def one_case(seed: int) -> tuple[int, str, str, bool, Marks]:
-    """A case by its seed, for processes."""
+    """Return the result of a case by its seed, for worker processes."""
     case = draw_case(seed)
     return seed, case.made.framing, case.made.check.kind, case.is_damaged, judged(case)
 

@@ -12,7 +12,7 @@ COMPARED = ("construct", "kaitaistruct", "numpy", "pymodbus", "pyserial")
 
 
 def machine() -> dict[str, str]:
-    """Names and values, for the table's head and the JSON."""
+    """Return names and values, for the table's head and the JSON."""
     return {
         "processor": f"{_processor()}, {os.cpu_count()} cores",
         "system": f"{platform.system()} {platform.release()} {platform.machine()}",
@@ -24,7 +24,7 @@ def machine() -> dict[str, str]:
 
 
 def _loop() -> float:
-    """Processor time (s) of fixed work: machines differ, and one machine at different times."""
+    """Return the processor time (s) of fixed work, since machines differ, and one machine at different times."""
     times = []
     for _ in range(15):
         begin, found = time.process_time(), dict[int, tuple[int, str]]()

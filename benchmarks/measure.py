@@ -1,4 +1,4 @@
-"""Measuring: several functions in interleaved rounds, so that what disturbs the machine disturbs all of them alike."""
+"""Measure several functions in interleaved rounds, so disturbances of the machine affect all of them alike."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 ROUND = 0.02
-"""Seconds one function runs in one round, about."""
+"""Approximate duration in seconds of a function in a round."""
 
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """Seconds a call, round by round."""
+    """Seconds per call, round by round."""
 
     rounds: tuple[float, ...]
 
@@ -23,14 +23,14 @@ class Timing:
         return statistics.median(self.rounds)
 
     def ratio(self, other: Timing) -> Ratio:
-        """How many times as long as `other` this takes, round by round: the median and the quartiles."""
+        """Return how many times as long as `other` this takes, round by round: the median and the quartiles."""
         found = [mine / its for mine, its in zip(self.rounds, other.rounds, strict=True)]
         return Ratio(statistics.median(found), *quartiles(found))
 
 
 @dataclass(frozen=True, slots=True)
 class Ratio:
-    """The median of the ratios of all rounds, and their quartiles: what disturbs a whole round falls out."""
+    """The median of the ratios of all rounds, and their quartiles; a disturbance of a whole round cancels out."""
 
     value: float
     low: float
@@ -38,7 +38,7 @@ class Ratio:
 
 
 def quartiles(figures: Sequence[float]) -> tuple[float, float]:
-    """The lower and upper quartile; of a single figure that figure itself."""
+    """Return the lower and upper quartile; for a single figure that figure itself."""
     if len(figures) < 2:
         return figures[0], figures[0]
     low, _, high = statistics.quantiles(figures, n=4, method="inclusive")
@@ -46,18 +46,18 @@ def quartiles(figures: Sequence[float]) -> tuple[float, float]:
 
 
 def compare(functions: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, Timing]:
-    """Processor times of short functions, each called for about `ROUND` seconds in turn, `rounds` times."""
+    """Return processor times of short functions, each called for about `ROUND` seconds in turn, `rounds` times."""
     counts = {name: _calls_a_round(function) for name, function in functions.items()}
     return interleave({name: _timed(function, counts[name]) for name, function in functions.items()}, rounds)
 
 
 def compare_once(functions: Mapping[str, Callable[[], object]], rounds: int) -> dict[str, Timing]:
-    """Processor times of long functions, each called once a round in turn."""
+    """Return processor times of long functions, each called once per round in turn."""
     return interleave({name: _timed(function, 1) for name, function in functions.items()}, rounds)
 
 
 def interleave(measures: Mapping[str, Callable[[], float]], rounds: int) -> dict[str, Timing]:
-    """As `compare`, for functions that measure themselves: each gives the seconds (or whatever) of one round.
+    """Like `compare`, for functions that measure themselves: each returns the seconds (or another figure) of a round.
 
     The garbage collector runs between rounds only.
     """

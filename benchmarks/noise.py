@@ -27,19 +27,19 @@ from framekit.transport.clock import LONGEST, MOST
 from framekit.transport.clock import PIECE as WORK
 
 PIECE = 4096
-"""So many bytes come at once; of a connection that noise breaks so many come too, before there is a new one."""
+"""Number of bytes that arrive at once; also the bytes that still arrive on a connection broken by noise."""
 
 SMALL = 64
-"""Small pieces are of so many bytes."""
+"""Size of small pieces in bytes."""
 
 PAUSE = 2_000_000
-"""Between small pieces (ns)."""
+"""Pause between small pieces (ns)."""
 
 QUIET_AGAIN = 20_000_000
-"""Between pieces, all of them small, where a bad frame is followed by skipping until a silence (ns)."""
+"""Pause between pieces, all small, if skipping until a silence follows a bad frame (ns)."""
 
 BLOCK = 1500
-"""So many bytes are bred; they come again and again."""
+"""Size of a bred block in bytes; it is repeated."""
 
 ADDRESSES = {
     "modbus": "40001",
@@ -56,7 +56,7 @@ STATIONS: dict[str, Any] = {"snp": ("A", ""), "snp-x": (b"A".ljust(8, b"\0"), by
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """One role of a protocol."""
+    """A role of a protocol."""
 
     protocol: str
     role: str | None
@@ -72,7 +72,7 @@ def compiled(name: str) -> tuple[Protocol, Codec]:
 
 
 def shipped() -> list[str]:
-    """Every shipped protocol that is a line of its own."""
+    """Return every shipped protocol with a line of its own."""
     found = [
         file.stem for file in shipped_definitions() if f"protocol: {file.stem}\n" in file.read_text(encoding="utf-8")
     ]
@@ -84,7 +84,7 @@ def links(names: list[str]) -> list[Link]:
 
 
 class Line:
-    """One side of a link that hears noise; a side that asks waits for a reply to a read."""
+    """A side of a link that receives noise; a client waits for the reply to a read."""
 
     def __init__(self, link: Link) -> None:
         self.link = link
@@ -133,7 +133,7 @@ class Line:
 
 
 def seconds(link: Link, data: bytes, piece: int = PIECE) -> float:
-    """Processor time a byte."""
+    """Return the processor time per byte."""
     line = Line(link)
     begin = time.process_time()
     line.hear(data, piece)
@@ -153,7 +153,7 @@ def turn(link: Link, data: bytes) -> float:
 
 
 def calls(link: Link, data: bytes, piece: int = PIECE) -> float:
-    """Calls of functions a byte; 0 where the bytes hold many good frames, as these are no noise."""
+    """Return function calls per byte; 0 if the bytes contain many good frames, since these are not noise."""
     line, count = Line(link), 0
 
     def counted(frame: object, event: str, argument: object) -> None:
@@ -173,7 +173,7 @@ def calls(link: Link, data: bytes, piece: int = PIECE) -> float:
 
 @cache
 def frames_of(name: str) -> list[bytes]:
-    """Frames of the protocol, as many as can be drawn."""
+    """Return frames of the protocol, as many as can be drawn."""
     protocol, codec = compiled(name)
     sampler = Sampler(codec, Line(links([name])[0]).engine.scope)
     return [sample.data for frame in protocol.frames for sample in sampler.samples(frame, 4, 20) if sample.data]
@@ -181,7 +181,7 @@ def frames_of(name: str) -> list[bytes]:
 
 @cache
 def with_wrong_checks(name: str) -> list[bytes]:
-    """The shortest frames that are looked for, each over and over with its last byte or the one before it wrong."""
+    """Return the shortest frames that a receiver looks for, each repeated with its last or last but one byte wrong."""
     sampler, table = Sampler(compiled(name)[1], Line(links([name])[0]).engine.scope), _table(name)
     found = {}
     for frame in table.on_line:
@@ -197,7 +197,7 @@ def _table(name: str) -> FrameTable:
 
 
 def parts(name: str, choose: Random) -> Iterator[bytes]:
-    """Bytes that look like something: headers, frames with a damaged end, repeated starts, counts, delimiters."""
+    """Yield fragments: headers, frames with a damaged end, repeated starts, counts, delimiters."""
     frames = frames_of(name) or [b"\0"]
     while True:
         data = choose.choice(frames)
@@ -219,7 +219,7 @@ def parts(name: str, choose: Random) -> Iterator[bytes]:
 
 
 def drawn(name: str, choose: Random) -> bytes:
-    """A block of noise; one of three is a few parts over and over."""
+    """Return a block of noise; one block in three repeats a few fragments."""
     source, data = parts(name, choose), b""
     few = [next(source) for _ in range(choose.randrange(1, 4))] if choose.randrange(3) == 0 else []
     while len(data) < BLOCK:
@@ -228,7 +228,7 @@ def drawn(name: str, choose: Random) -> bytes:
 
 
 def changed(name: str, data: bytes, choose: Random) -> bytes:
-    """The block with something else in one place."""
+    """Return the block with a replacement in one place."""
     place, part = choose.randrange(len(data)), next(parts(name, choose))
     kind = choose.randrange(3)
     if kind == 0:

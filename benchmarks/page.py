@@ -111,7 +111,7 @@ class PageSamples:
 
 
 async def carry_out(path: Path, seconds: float) -> None:
-    """Carry the run out; print the address of the page, then the measurement over a number of seconds."""
+    """Execute the run; print the address of the page, then the measurement over a number of seconds."""
     log = FrameLog()
     run = AsyncRun(path, monitor=log.add, offers_faults=True)
     server, view = WebServer("127.0.0.1", 0, Access()), view_of(run, log)

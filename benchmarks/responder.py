@@ -20,7 +20,7 @@ REQUEST_SIZE = 12
 
 
 class Responder(asyncio.Protocol):
-    """Twelve bytes in, the reply with the same transaction number and station out."""
+    """A responder that returns the reply with the same transaction number and station for each twelve bytes."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
@@ -33,7 +33,10 @@ class Responder(asyncio.Protocol):
 
 
 class CountingResponder(Responder):
-    """As many registers as the request asks for; the first is the number of the reply, each other one more."""
+    """A responder with the requested number of registers.
+
+    The first is the reply's number, each further one is 1 more.
+    """
 
     replies = 0
 
@@ -59,7 +62,7 @@ async def serve(kind: str) -> None:
 
 @contextlib.contextmanager
 def responder(kind: str = "constant") -> Iterator[int]:
-    """The TCP port of a responder that lives as long as the `with` does."""
+    """Run a responder within the context; yield its TCP port."""
     command = [sys.executable, "-m", "benchmarks.responder", kind]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None and process.stdin is not None

@@ -53,12 +53,12 @@ class RowModule(Protocol):
 
 
 def slower(what: str, against: str, ours: Timing, other: Timing, target: Target | None, scale: float = 1e6) -> Row:
-    """How many times as long as the other we take: 1.2 means a fifth longer."""
+    """Return a row with our time as a multiple of the other's: 1.2 means a fifth longer."""
     return _row(what, against, ours.ratio(other), target, _medians(against, ours, other, scale))
 
 
 def faster(what: str, against: str, ours: Timing, other: Timing, target: Target | None, scale: float = 1e6) -> Row:
-    """How many times as long as we the other takes: 8 means we need an eighth of its time."""
+    """Return a row with the other's time as a multiple of ours: 8 means we need an eighth of its time."""
     return _row(what, against, other.ratio(ours), target, _medians(against, ours, other, scale))
 
 
@@ -75,7 +75,7 @@ def _medians(against: str, ours: Timing, other: Timing, scale: float) -> dict[st
 
 
 def as_table(rows: Iterable[Row]) -> str:
-    """The rows for people."""
+    """Return the rows as a readable table."""
     lines = [f"{'':<50} {'against':<21}{'figure':>10}{'quartiles':>17}{'target':>9}"]
     return "\n".join(lines + [_line(row) for row in rows])
 

@@ -1,4 +1,4 @@
-"""Streams of mixed frames with noise between them, always the same for the same size."""
+"""Streams of mixed frames with noise between them, reproducible for a given size."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ NOISE = 0.01
 """Noise bytes for every byte of frames."""
 
 LONGEST_PIECE = 512
-"""Pieces are of 1 to so many bytes, as a port may hand them over."""
+"""Longest piece in bytes; pieces have 1 to this size, like those of a port."""
 
 Fields = dict[str, Any]
 Make = Callable[[random.Random], Fields]
@@ -22,7 +22,7 @@ Make = Callable[[random.Random], Fields]
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """A stream's protocol, and the frames in it: each with what makes its values."""
+    """The protocol of a stream, and its frames, each with a function for its values."""
 
     name: str
     protocol: str
@@ -86,13 +86,13 @@ KINDS = (
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """A stream, and its frames ready-cut in their order: the frame's name and its bytes."""
+    """A stream, and its frames in order: name and bytes of each."""
 
     stream: bytes
     frames: tuple[tuple[str, bytes], ...]
 
     def pieces(self) -> Iterator[bytes]:
-        """The stream in random pieces."""
+        """Yield the stream in random pieces."""
         choose, place = random.Random(1), 0
         while place < len(self.stream):
             size = choose.randrange(1, LONGEST_PIECE + 1)
@@ -101,7 +101,7 @@ class Sample:
 
 
 def sample(kind: Kind, size: int) -> Sample:
-    """About `size` bytes of the kind's frames, one as often as the other, with 1 to 8 bytes of noise at times."""
+    """Return about `size` bytes of the kind's frames, all equally frequent, sometimes with 1 to 8 bytes of noise."""
     choose, codec = random.Random(0), kind.codec
     made = []
     for _ in range(2000):

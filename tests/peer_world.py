@@ -1,4 +1,4 @@
-"""A simulated device on a real TCP port or terminal, for peers that are written by others and block while they wait."""
+"""A simulated device on a real TCP port or terminal, for independent programs that block while they wait."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from framekit.transport.pty_port import PtyPair
 from framekit.transport.serial_port import SerialPort
 
 WAIT = 60
-"""Seconds that a peer may take for all it does."""
+"""Seconds that a peer may take in total."""
 
 
 @asynccontextmanager
 async def tcp_device(folder: Path, text: str) -> AsyncIterator[tuple[int, Serving]]:
-    """The device whose file has this text: the number of its TCP port, and what serves it."""
+    """Serve a device file with this text over TCP; yield its port number and the serving object."""
     path = folder / "peer.device.yaml"
     path.write_text(text, encoding="utf-8")
     serving = Serving(load_devices(path, folder), AsyncioClock(asyncio.get_running_loop()), None)
@@ -33,7 +33,7 @@ async def tcp_device(folder: Path, text: str) -> AsyncIterator[tuple[int, Servin
 
 @asynccontextmanager
 async def pty_device(folder: Path, text: str, line: LineFormat) -> AsyncIterator[tuple[str, Serving]]:
-    """The same at a terminal: the path of its other end."""
+    """Serve a device file with this text at a terminal; yield the path of the other end and the serving object."""
     path = folder / "peer.device.yaml"
     path.write_text(text, encoding="utf-8")
     clock = AsyncioClock(asyncio.get_running_loop())

@@ -57,7 +57,7 @@ class RandomBody:
         return ", ".join(parts)
 
     def _inside(self) -> tuple[str, dict[str, Any]]:
-        """A body inside another segment, with values of its own."""
+        """Return a body inside another segment, with values of its own."""
         values, numbers = self.values, list(self.numbers)
         self.values = {}
         body, inner = self._body(1), self.values

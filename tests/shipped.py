@@ -1,4 +1,4 @@
-"""The protocols that come with framekit, as `frames/` has them: what every one of them has to pass."""
+"""The shipped protocols in `frames/`, which must all pass the common tests."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ def example_runs() -> list[Path]:
 
 
 def file_of(name: str) -> Path:
-    """The shipped file of this name, in whichever family's folder it stands."""
+    """Return the shipped file of this name, in any family's folder."""
     found = find_definition(name, FRAMES)
     assert found is not None, name
     return found
 
 
 def names(first_key: str) -> list[str]:
-    """Names of the shipped definitions whose first key this is."""
+    """Return the names of the shipped definitions with this first key."""
     found = []
     for path in shipped_definitions():
         lines = (line for line in path.read_text(encoding="utf-8").splitlines() if line and not line.startswith("#"))
@@ -44,12 +44,12 @@ APPLICATIONS = names("application")
 
 @cache
 def vectors_of(name: str) -> Vectors:
-    """The vectors of a shipped protocol, read once a process: looking for cases takes long enough."""
+    """Return the vectors of a shipped protocol, read once per process since searching the cases is slow."""
     return load_vectors(file_of(f"{name}.vectors.yaml"))
 
 
 def load_vectors(path: Path) -> Vectors:
-    """The cases of a file. Raises DefinitionError with every problem of it."""
+    """Return the cases of a file. Raises DefinitionError with all its problems."""
     vectors, problems = read_vectors(path)
     if vectors is None or any(not problem.warning for problem in problems):
         raise DefinitionError(problems)

@@ -9,7 +9,7 @@ from framekit.definition.model.protocol import Protocol
 
 
 def small_protocol(body: str, *sections: str, keys: str = "", order: str = "big") -> Protocol:
-    """A protocol with the frame `f`: its body, further keys of the frame, and whole sections of the file."""
+    """Return a protocol with the frame `f`: its body, further keys of the frame, and whole sections of the file."""
     lines = ["protocol: small", f"order: {order}", *sections]
     if not any("frames:" in section for section in sections):
         lines.append("frames:")

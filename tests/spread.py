@@ -9,14 +9,14 @@ from typing import Any
 import pytest
 
 TRANSFERS = [100, pytest.param(300, marks=pytest.mark.long)]
-"""So many transfers of all sizes."""
+"""Numbers of transfers of all sizes."""
 
 LARGE = {"df1", "pccc", "snp", "srtp"}
-"""Protocols that take seconds to load and compile: the short tests of services have them."""
+"""Protocols that take seconds to load and compile; the short tests of services use them."""
 
 
 WHOLE = "FRAMEKIT_WHOLE" in os.environ
-"""Whether the long tests try all cases of the largest matrices (minutes to hours); else they try a part of them."""
+"""Whether the long tests try all cases of the largest matrices (minutes to hours), or only a part."""
 
 
 def many(usual: int, whole: int) -> int:
@@ -25,9 +25,10 @@ def many(usual: int, whole: int) -> int:
 
 
 def spread(cases: Iterable[Any], every: int, first: int = 0, part: int = 1) -> list[Any]:
-    """For `parametrize`: one case in `every` is short, from `first` on; the others are long, and so are large ones.
+    """Select cases for `parametrize`: one case in `every` is short, from `first` on.
 
-    Of a matrix too large for the long tests one case in `part` is tried, unless the whole is asked for.
+    The others are long, and so are large cases. For a matrix too large for the long tests, one case in `part` is
+    selected, unless the whole matrix is requested.
     """
     found, short = [], first
     for place, case in enumerate([*cases][:: 1 if WHOLE else part]):

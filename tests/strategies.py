@@ -29,7 +29,7 @@ from framekit.definition.model.sections import Parameter, StateVariable
 
 
 def base_context(protocol: Protocol) -> dict[str, Any]:
-    """Everything that expressions of frames may ask for besides fields, at its start value or a plausible one."""
+    """Return all names except fields that expressions of frames may use, with start values or plausible values."""
     context: dict[str, Any] = {
         "buffer": b"",
         "role": "client",
@@ -66,7 +66,7 @@ def _worked_out(item: Parameter | StateVariable, context: Mapping[str, Any]) -> 
 
 
 class FrameValues:
-    """Makes values of the frames of one protocol."""
+    """Draw values of the frames of a protocol."""
 
     def __init__(self, protocol: Protocol) -> None:
         self.protocol = protocol
@@ -74,7 +74,7 @@ class FrameValues:
         self.context = base_context(protocol)
 
     def frame(self, name: str) -> st.SearchStrategy[tuple[dict[str, Any], dict[str, Any]]]:
-        """Values of the frame and the context they are made for."""
+        """Draw values of the frame, and a context for them."""
 
         @st.composite
         def made(draw: Draw) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -98,7 +98,7 @@ class FrameValues:
         return True
 
     def _context(self, draw: Draw, frame: str) -> dict[str, Any]:
-        """The context with sizes that earlier frames have announced."""
+        """Draw a context with sizes that earlier frames have announced."""
         context = dict(self.context)
         segments = self.protocol.frames[frame].segments
         mentioned = {word for expression in expressions_of(segments) for word in names_in(expression.root)}

@@ -61,7 +61,7 @@ class Hints:
 
 
 def conditions(segments: Iterable[Segment]) -> Iterator[Node]:
-    """The parts of all conditions that must each hold."""
+    """Yield the conditions that must all be true, with `and` split into its operands."""
     for segment in segments:
         if isinstance(segment, Require):
             root = segment.condition.root
@@ -69,7 +69,7 @@ def conditions(segments: Iterable[Segment]) -> Iterator[Node]:
 
 
 def same_attributes(segments: Iterable[Segment]) -> dict[str, list[str]]:
-    """Lists of which the items must agree in an attribute: `same(list.attribute)`."""
+    """Return the lists whose items must agree in an attribute: `same(list.attribute)`."""
     found: dict[str, list[str]] = {}
     for node in conditions(segments):
         match node:
@@ -79,7 +79,7 @@ def same_attributes(segments: Iterable[Segment]) -> dict[str, list[str]]:
 
 
 def hints_of(segments: Iterable[Segment], evaluate: Evaluate) -> dict[str, Hints]:
-    """Hints about the fields of a record by name, as far as the other sides of comparisons can be worked out."""
+    """Return hints by field name, if the other sides of the comparisons can be evaluated."""
     segments = tuple(segments)
     values = [segment for segment in segments if isinstance(segment, Value) and segment.build is None]
     derived = {segment.name: segment.read.root for segment in values}

@@ -1,4 +1,4 @@
-"""Values of records, made segment by segment: the inside of `strategies`."""
+"""Draw values of records, segment by segment: the internals of `strategies`."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ UNKNOWN: Any = object()
 
 
 class Maker(Values):
-    """One try at values: a record after the other, each from its segments in order."""
+    """One attempt to draw values: record by record, each from its segments in order."""
 
     def __init__(
         self, draw: Draw, protocol: Protocol, codec: ConstructCodec, context: dict[str, Any], small: bool
@@ -35,7 +35,7 @@ class Maker(Values):
         self.names = Names(context, start_values(protocol))
 
     def frame(self, name: str) -> dict[str, Any] | None:
-        """Values of a frame; None if this try has failed."""
+        """Draw values of a frame; None if this attempt has failed."""
         frame = self.protocol.frames[name]
         construct = self.codec.frames[name]
         assert isinstance(construct, FrameConstruct)
@@ -47,7 +47,7 @@ class Maker(Values):
 
 
 class _Record:
-    """Values of one record under way; `plan` lets expressions be worked out on what there is so far."""
+    """Values of a record that is being drawn; `plan` allows evaluating expressions on the values so far."""
 
     def __init__(self, maker: Maker, plan: Plan, segments: tuple[Segment, ...], outer: Filling | None) -> None:
         self.maker = maker
@@ -63,7 +63,7 @@ class _Record:
         self.failed = False
 
     def made(self) -> dict[str, Any] | None:
-        """The values, or None when they do not come together."""
+        """Return the values, or None if no consistent values were found."""
         self._make_all(self._in_order(self.segments))
         return None if self.failed or not self._holds() else self.given
 
@@ -108,7 +108,7 @@ class _Record:
             self._make_all(list(chosen))
 
     def _offer(self, name: str, value: Any) -> None:
-        """Gives a value, unless the field is not there or makes another one vanish."""
+        """Store a value, unless its field is absent or it would make another given field absent."""
         if value is UNKNOWN:
             return
         if value is None:
@@ -167,7 +167,7 @@ class _Record:
     # ---- values -------------------------------------------------------------------------------------------
 
     def _value(self, segment: Segment) -> Any:
-        """A value for a segment; UNKNOWN if none is to be given, None if none can be found."""
+        """Draw a value for a segment; UNKNOWN if it needs no value, None if no value is possible."""
         match segment:
             case model.Field():
                 return self._field(segment)
@@ -258,7 +258,7 @@ class _Record:
         return self._free_sizes(field.name, 0)
 
     def _free_sizes(self, name: str, least: int) -> tuple[int, int]:
-        """How long something may be whose length is computed from it."""
+        """Return the shortest and longest size of a segment whose length is computed from it."""
         most = least + 12
         for segment in self.all:
             if not isinstance(segment, model.Length) or name not in segment.of:
@@ -312,7 +312,7 @@ class _Record:
         return found
 
     def _wanted_length(self, size: Expression) -> Any:
-        """The size that a computed length must have because a condition compares it with something known."""
+        """Return the size that a computed length must have because a condition compares it with a known value."""
         assert isinstance(size.root, Name)
         computed = {segment.name for segment in self.all if isinstance(segment, model.Length)}
         if size.root.name not in computed:

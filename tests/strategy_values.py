@@ -18,7 +18,7 @@ LETTERS = "".join(chr(code) for code in range(0x21, 0x7F))
 
 
 class Values:
-    """Single values that suit types, sizes and hints."""
+    """Draw single values that match types, sizes and hints."""
 
     def __init__(self, draw: Draw, small: bool) -> None:
         self.draw = draw
@@ -26,7 +26,7 @@ class Values:
         self.forbidden = b""
 
     def text(self, least: int, most: int, hints: Hints, kind: FieldType) -> str | None:
-        """Text of a length, with the letters that conditions ask for at their places."""
+        """Draw text of a length, with the letters that conditions require at their offsets."""
         taken = self.forbidden + (kind.pad or b"") + (kind.end or b"") + b"".join(kind.stops)
         alphabet = "".join(letter for letter in LETTERS if letter.encode() not in taken)
         least = max([least, *(place + 1 for place in hints.letters)])
@@ -64,7 +64,7 @@ class Values:
 
 
 def flat(segments: tuple[Segment, ...]) -> list[Segment]:
-    """The segments whose values belong to one record, also those in wraps, choices and optional parts."""
+    """Return the segments whose values belong to one record, including those in wraps, choices and optional parts."""
     found: list[Segment] = []
     for segment in segments:
         found.append(segment)
@@ -78,7 +78,7 @@ def flat(segments: tuple[Segment, ...]) -> list[Segment]:
 
 
 def built(segment: Segment) -> list[Expression]:
-    """The expressions that compute something from other values when building."""
+    """Return the expressions that compute a value from other values when building."""
     if isinstance(segment, model.Bits):
         return [part.build for part in segment.parts if part.build is not None]
     build = segment.build if isinstance(segment, (model.Field, model.Value)) else None
@@ -86,7 +86,7 @@ def built(segment: Segment) -> list[Expression]:
 
 
 def fractions(type_: FieldType) -> st.SearchStrategy[Any]:
-    """Numbers that a decimal text may hold; some have too many digits for one of fixed size."""
+    """Draw numbers that a decimal text may contain; some have too many digits for a text of fixed size."""
     form = type_.form
     assert form is not None
     decimals = 4 if form.decimals is None else form.decimals
@@ -99,7 +99,7 @@ def fractions(type_: FieldType) -> st.SearchStrategy[Any]:
 
 
 def floats(type_: FieldType) -> st.SearchStrategy[float]:
-    """Numbers that a float of the type's size holds as they are."""
+    """Draw numbers that a float of the type's size represents exactly."""
     size = (type_.fixed_size or 4) // (2 if type_.kind == "hex_float" else 1)
     widths = {2: st.floats(width=16), 4: st.floats(width=32), 8: st.floats(width=64)}
     return widths[size].filter(lambda number: number == number)

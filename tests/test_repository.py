@@ -15,7 +15,7 @@ COMMAND_BLOCKS = re.compile(
     r"framekit[./]extras[./]commreq|commreq\.(section|jobs|job_profiles)|commreq_verb|(add|run)_commreq|[`\"]commreq[`\"]"
     r"|framekit commreq"
 )
-"""The extra, and its verb, that users know by the name of the instruction it stands for."""
+"""References to the extra and its verb, which users know by the name of the instruction."""
 
 
 def test_no_protocol_is_named_in_the_code() -> None:

@@ -76,7 +76,7 @@ class TransferWorld:
         )  # fmt: skip
 
     def do(self, start: Callable[..., Any]) -> TransferResult:
-        """Runs one transfer to its end."""
+        """Run a transfer to its end."""
         results: list[TransferResult] = []
         self.drivers[1].do(lambda now: start(now=now, on_done=results.append).commands)
         end = self.clock.now() + PATIENCE
@@ -89,7 +89,10 @@ class TransferWorld:
     # ---- transfers ----------------------------------------------------------------------------------------
 
     def mixed(self, transfers: int, places: dict[str, int], longest: int, seed: int = 1) -> None:
-        """So many reads and writes of up to `longest` elements; `places`: first address → elements from there on."""
+        """Make this number of reads and writes of up to `longest` elements.
+
+        `places`: first address → number of elements.
+        """
         random = Random(seed)
         known: dict[str, list[int | None]] = {address: [0] * size for address, size in places.items()}
         for _ in range(transfers):
@@ -104,7 +107,7 @@ class TransferWorld:
                 self._read(address, place, count, known[address])
 
     def protocol_address(self, text: str) -> Any:
-        """The first of the places, as the client writes it."""
+        """Return the first of the places, in the client's notation."""
         return self.client.grammar.parse(text)
 
     def _write(self, text: str, place: Any, values: list[int], known: list[int | None]) -> None:

@@ -34,7 +34,7 @@ def name_of(name: str) -> str:
 
 
 def segments(message: type) -> list[str]:
-    """The fields of a message, as they stand on the wire: texts are bytes with their zeros, arrays are lists."""
+    """Return the fields of a message in wire order: texts are bytes with their zeros, arrays are lists."""
     found = []
     for name in message.ordered_fieldnames:  # type: ignore[attr-defined]
         place = message.fieldnames.index(name)  # type: ignore[attr-defined]
@@ -50,7 +50,7 @@ def segments(message: type) -> list[str]:
 
 
 def text_of(names: list[str]) -> tuple[str, str]:
-    """The table of the messages' extra bytes, and their frames."""
+    """Return the table of the messages' extra bytes, and their frames."""
     known = {message.msgname: message for message in common.mavlink_map.values()}
     chosen = sorted((known[name] for name in names), key=lambda message: message.id)
     extra = "{" + ", ".join(f"{message.id}: {message.crc_extra}" for message in chosen) + "}"

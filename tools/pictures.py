@@ -28,7 +28,7 @@ ROOT = Path(__file__).parents[1]
 IMAGES = ROOT / "docs" / "images"
 WIDTH, HEIGHT = 100, 40
 CONTROL = re.compile("\r?\x1b\\[(\\d+)A\x1b\\[J|\x1b\\[\\?7[hl]")
-"""The control characters of framekit's drawings: erase the last lines; cut long lines off."""
+"""Control sequences of framekit's drawings: erase the last lines; cut long lines off."""
 FORMAT = """\
 <svg class="rich-terminal" viewBox="0 0 {width} {height}" xmlns="http://www.w3.org/2000/svg">
 <style>

@@ -46,7 +46,7 @@ RECORDINGS: dict[str, Recording] = {}
 
 
 def recording(name: str, program: str, other: str = "", packages: Iterable[str] = ()) -> Callable[..., Any]:
-    """A row of the table."""
+    """Return a row of the table."""
 
     def add(work: Callable[[Path], Awaitable[None]]) -> Callable[[Path], Awaitable[None]]:
         RECORDINGS[name] = Recording(program, other, tuple(packages) or (program,), work)
@@ -83,7 +83,7 @@ async def recorded(path: Path, urls: list[str]) -> AsyncIterator[None]:
 
 @asynccontextmanager
 async def before_terminal(path: Path, server: str) -> AsyncIterator[str]:
-    """The terminal for the client of a server at a terminal."""
+    """Yield a terminal for the client of a server at another terminal."""
     with PtyPair() as pair:
         async with recorded(path, [pair.first, server]):
             yield pair.second
@@ -91,7 +91,7 @@ async def before_terminal(path: Path, server: str) -> AsyncIterator[str]:
 
 @asynccontextmanager
 async def before_connection(path: Path, server: int) -> AsyncIterator[int]:
-    """The TCP port for the client of a server at a TCP port; one connection."""
+    """Yield a TCP port for the client of a server at another TCP port; one connection."""
     ends: asyncio.Queue[tuple[asyncio.StreamReader, asyncio.StreamWriter]] = asyncio.Queue()
 
     async def accepted(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -133,7 +133,7 @@ async def sent(path: Path, frames: Iterable[bytes], pause: float = 0.01) -> None
 
 @asynccontextmanager
 async def device_terminal(text: str, line: LineFormat = LINE) -> AsyncIterator[str]:
-    """A device of framekit at a terminal."""
+    """Serve a device of framekit at a terminal."""
     with tempfile.TemporaryDirectory() as folder:
         async with pty_device(Path(folder), text, line) as (path, _):
             yield path
@@ -141,7 +141,7 @@ async def device_terminal(text: str, line: LineFormat = LINE) -> AsyncIterator[s
 
 @asynccontextmanager
 async def device_port(text: str) -> AsyncIterator[int]:
-    """A device of framekit at a TCP port."""
+    """Serve a device of framekit at a TCP port."""
     with tempfile.TemporaryDirectory() as folder:
         async with tcp_device(Path(folder), text) as (number, _):
             yield number
@@ -163,7 +163,7 @@ def modbus_memory(stations: Iterable[int]) -> list[Any]:
 
 @asynccontextmanager
 async def modbus_server(framer: str) -> AsyncIterator[str]:
-    """pymodbus serves stations 1, 2 and 9 at a terminal."""
+    """Serve stations 1, 2 and 9 by pymodbus at a terminal."""
     from pymodbus import FramerType
     from pymodbus.server import ModbusSerialServer
 
@@ -177,7 +177,7 @@ async def modbus_server(framer: str) -> AsyncIterator[str]:
 
 
 async def modbus_work(client: Any, count: int, seed: int) -> None:
-    """Reads and writes of a client of pymodbus."""
+    """Read and write by a client of pymodbus."""
     rng = Random(seed)
     assert await client.connect()
     for _ in range(count):
@@ -239,7 +239,7 @@ behave: {{40001: {{sine: 2200..2400, period: 3 s, every: 50 ms}}, 40002: {{count
 
 
 async def mbpoll(seconds: float, *words: str) -> None:
-    """The program, until it has worked so long."""
+    """Run mbpoll for this duration."""
     process = await asyncio.create_subprocess_exec(
         "mbpoll", *words, stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.DEVNULL
     )

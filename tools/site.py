@@ -55,7 +55,7 @@ SECTIONS: dict[str, list[str]] = {
     ],
     "Protocols": sorted(str(page.relative_to(ROOT)) for page in ROOT.glob("docs/protocols/*.md")),
 }  # fmt: skip
-"""Where a page stands in the site. One that is not named here comes last, under More."""
+"""Sections of the site and their pages. A page that is not listed comes last, in More."""
 STYLE = ".md-grid{max-width:1280px}.md-typeset table:not([class]){font-size:.72rem}\n"
 
 
@@ -68,7 +68,7 @@ def files_of(folder: str) -> list[str]:
 
 
 def lay_out(pages: Path) -> None:
-    """The pages: README, docs, examples and frames as they are in the repository, and the gallery."""
+    """Write the pages: README, docs, examples and frames as they are in the repository, and the gallery."""
     shutil.rmtree(pages, ignore_errors=True)
     for folder in ("docs", "examples", "frames"):
         for file in files_of(folder):
@@ -89,7 +89,7 @@ def lay_out(pages: Path) -> None:
 
 
 def gallery(pages: Path) -> list[str]:
-    """A page for each shipped protocol, made of its definition; the pages, by family."""
+    """Write a page for each shipped protocol, made from its definition; return the pages by family."""
     from framekit.api.vectors import vectors_path
     from framekit.definition.load.protocol import load_protocol
     from framekit.definition.sources import shipped_definitions
@@ -116,7 +116,7 @@ def gallery(pages: Path) -> list[str]:
 
 
 def api(pages: Path) -> str:
-    """The page of what `import framekit` offers, made of the docstrings."""
+    """Write the page of the names of `import framekit`, made from the docstrings."""
     import framekit
 
     lines = [
@@ -136,7 +136,7 @@ def api(pages: Path) -> str:
 
 
 def mermaid(pages: Path) -> bool:
-    """Whether the package that draws diagrams could be had; then its one file stands among the pages."""
+    """Return whether the package that draws diagrams is available; if so, write its file next to the pages."""
     if shutil.which("npm") is None:
         return False
     with tempfile.TemporaryDirectory() as folder:
@@ -148,7 +148,7 @@ def mermaid(pages: Path) -> bool:
 
 
 def navigation(folder: Path, drawn: list[str], api_page: str) -> list[object]:
-    """The pages by section, those that no section names, and those made here: the gallery and the API."""
+    """Return the pages by section, the pages without a section, and the generated pages: gallery and API."""
     made = [*drawn, api_page]
     known = {page for listed in SECTIONS.values() for page in listed}
     there = {str(page.relative_to(folder)) for page in folder.glob("**/*.md")} - {"index.md"} - set(made)
@@ -162,7 +162,7 @@ def navigation(folder: Path, drawn: list[str], api_page: str) -> list[object]:
 
 
 def build(place: Path, with_diagrams: bool, progress: ProgressLine) -> int:
-    """The site in `place/site`; the exit status of MkDocs, which is not 0 for a link that leads nowhere."""
+    """Build the site in `place/site`; return the exit status of MkDocs, which is not 0 for a broken link."""
     progress.says = lambda: "pages and the gallery"
     pages = place / "pages"
     lay_out(pages)

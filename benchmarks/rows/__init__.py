@@ -1,4 +1,4 @@
-"""One module a row of the table. Each gives NAME, TARGET and `run(rounds) -> list[Row]` (`benchmarks.row`)."""
+"""One module per row of the table. Each has NAME, TARGET and `run(rounds) -> list[Row]` (`benchmarks.row`)."""
 
 MODULES = (
     "codecs", "libraries", "generated_c", "receiver", "noise", "capture",

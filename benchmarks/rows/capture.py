@@ -1,6 +1,6 @@
-"""A capture of a million Modbus requests decoded in columns, against reading and decoding it frame by frame.
+"""A capture of a million Modbus requests decoded in columns, compared with reading and decoding frame by frame.
 
-And `framekit decode --capture` of requests and replies as people run it: the frames found, shown with their fields.
+And `framekit decode --capture` of requests and replies as users run it: the frames found, shown with their fields.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def _write(path: Path, codec: Codec) -> None:
 
 
 def requests_and_replies(codec: Codec, frames: int) -> Iterator[bytes]:
-    """The pieces of a capture: a client polls, its requests go out, the replies come in."""
+    """Return the pieces of a capture: a client polls, its requests are sent, the replies arrive."""
     choose, records = random.Random(3), PcapRecords(0)
     yield GLOBAL_HEADER
     for number in range(frames // 2):

@@ -1,4 +1,4 @@
-"""64 channels that poll at once in one process, against one channel that polls 64 times as often: CPU time a poll."""
+"""64 channels that poll at once in one process, compared with a channel that polls 64 times as often: CPU per poll."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Decode, encode and build in generated Python, against code by hand with the same checks and the same values."""
+"""Decode, encode and build in generated Python, compared with code by hand with the same checks and the same values."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def run(rounds: int) -> list[Row]:
 
 
 def _build(named: Named, rounds: int) -> Row:
-    """Of named values; by hand, too."""
+    """Measure building from named values; by hand, too."""
     build = named.checked()
     found = compare(
         {"framekit": partial(build, **named.values), "by hand": partial(named.by_hand, **named.values)}, rounds

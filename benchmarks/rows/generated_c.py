@@ -29,7 +29,7 @@ TARGET = "none; nanoseconds a frame"
 SOURCES = Path(__file__).parent.parent / "c"
 DEFINITION = Path(__file__).parent.parent / "registers.yaml"
 FRAMES = 1000
-"""Replies of a stream: as `main.cpp` has it."""
+"""Number of replies in a stream, as in `main.cpp`."""
 WHAT = {"decode": 1, "encode": 1, "stream": FRAMES}
 """Name of a measurement → number of frames per call."""
 
@@ -50,7 +50,7 @@ def run(rounds: int) -> list[Row]:
 
 
 def _compiled(folder: Path, library: Path | None) -> Path:
-    """The program of all sides. Raises CalledProcessError."""
+    """Compile the program of all sides. Raises CalledProcessError."""
     made = generate(load_protocol(str(DEFINITION)))
     (folder / "registers.h").write_text(made.header)
     (folder / "registers.c").write_text(made.source)
@@ -74,7 +74,7 @@ Ask = Callable[[str, int, int], float]
 
 @contextmanager
 def _running(program: Path) -> Iterator[Ask]:
-    """What asks the program for the seconds of so many calls."""
+    """Run the program; yield a function that returns its seconds for a number of calls."""
     with subprocess.Popen([str(program)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdin is not None and process.stdout is not None
         to: IO[str] = process.stdin
@@ -90,7 +90,7 @@ def _running(program: Path) -> Iterator[Ask]:
 
 
 def _measured(ask: Ask, what: str, registers: int, with_kaitai: bool, rounds: int) -> list[Row]:
-    """The rows of one thing done with one size of frame: seconds a frame."""
+    """Return the rows of an operation on a size of frame: seconds per frame."""
     sides = ["generated", "by_hand", *(["kaitai"] if with_kaitai and what != "encode" else [])]
 
     def timed(side: str) -> Callable[[], float]:

@@ -27,7 +27,7 @@ DEVICE = "{device: pump, protocol: modbus-rtu, station: 1}\n"
 
 
 def service(blocks: int, folder: Path) -> tuple[RunService, VirtualClock]:
-    """A run with so many blocks, 64 to a set, each waiting for a bit of a word of its own."""
+    """Return a run with this number of blocks, 64 per set, each waiting for a bit of its own word."""
     sets = []
     for number in range(0, blocks, 64):
         rows = [
@@ -50,7 +50,7 @@ def service(blocks: int, folder: Path) -> tuple[RunService, VirtualClock]:
 
 
 def writes(run: RunService, clock: VirtualClock, word: int) -> Callable[[], float]:
-    """Writes every millisecond of simulated time, to 512 words from `word` on in turn; CPU seconds a write."""
+    """Write every millisecond of simulated time to 512 words from `word` on in turn; return CPU seconds per write."""
 
     def measure() -> float:
         left = WRITES

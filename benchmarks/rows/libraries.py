@@ -1,4 +1,4 @@
-"""The same frames read and written with construct, with the framer of pymodbus, and read as Kaitai's Python does."""
+"""The same frames decoded and encoded by construct, by pymodbus's framer, and decoded as Kaitai's Python does."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def _rows(case: Case, direction: str, functions: Functions, rounds: int) -> list
 
 
 def _add_construct(case: Case, data: bytes, decoders: Functions, encoders: Functions) -> None:
-    """Constructs written by hand, interpreted and compiled, where there are some for this frame."""
+    """Add constructs written by hand, interpreted and compiled, if they exist for this frame."""
     written = in_construct(case.frame, case.values)
     if written is None:
         return
@@ -57,7 +57,7 @@ def _add_construct(case: Case, data: bytes, decoders: Functions, encoders: Funct
 
 
 def _pymodbus(case: Case, data: bytes, rounds: int) -> list[Row]:
-    """pymodbus gives and takes registers as numbers, so here framekit's bytes are made of numbers and back, too."""
+    """Add pymodbus, which uses registers as numbers; framekit's bytes are converted from and to numbers here, too."""
     from pymodbus.framer import FramerRTU
     from pymodbus.pdu import DecodePDU
     from pymodbus.pdu.register_message import ReadHoldingRegistersResponse
@@ -99,7 +99,7 @@ def _encode_rows(
     pymodbus: Callable[[], object],
     rounds: int,
 ) -> list[Row]:
-    """Of named values, as pymodbus takes them, and of the nested ones that decoding gives, which is more to do."""
+    """Return rows of encoding named values, like pymodbus's, and decoded (nested) values, which is more work."""
     found = compare({"named": named, "nested": nested, "pymodbus": pymodbus}, rounds)
     return [
         faster(name, "pymodbus", found["named"], found["pymodbus"], TARGETS["pymodbus"]),

@@ -23,7 +23,7 @@ TARGET = "≥ 98 % of the limit that bits and mandatory gaps set"
 DEVICE = "{device: pump, protocol: modbus-rtu, station: 1}\n"
 SIMULATED = 20_000_000_000
 GAP = 1_750_000
-"""Before everything that is sent, at more than 19200 baud (ns)."""
+"""Silence before each transmission, above 19200 baud (ns)."""
 REQUEST_SIZE = 8
 
 

@@ -21,12 +21,12 @@ TARGET = "no growth after the first hour"
 HOUR = 3_600_000_000_000
 CHANNELS, SETS = 64, 8
 BEGUN = 1_000
-"""Counters begin here: Python keeps numbers up to 256 ready, so that counters that pass it would look like growth."""
+"""Start of counters: Python caches numbers up to 256, so counters that pass it would look like growth."""
 DEVICE = "{device: pump, protocol: modbus-rtu, station: 1}\n"
 
 
 def service(folder: Path, clock: VirtualClock) -> RunService:
-    """Every channel has a device of its own and a block of every set, which reads every few minutes."""
+    """Return a run whose channels have a device each and a block of every set, which reads every few minutes."""
     (folder / "pump.device.yaml").write_text(DEVICE, encoding="utf-8")
     channels = "\n".join(
         f'  {number}: {{port: "sim:pump.device.yaml", protocol: modbus-rtu, speed: 115200, station: 1}}'
@@ -48,7 +48,7 @@ def service(folder: Path, clock: VirtualClock) -> RunService:
 
 
 def simulate(hours: int) -> Row:
-    """Allocated blocks of the interpreter at the end, against those after the first hour."""
+    """Return the allocated blocks of the interpreter at the end, compared with those after the first hour."""
     clock = VirtualClock()
     with TemporaryDirectory() as folder:
         run = service(Path(folder), clock)

@@ -1,4 +1,4 @@
-"""Noise: processor time a byte for every shipped protocol and role, on random bytes and on the worst that are found."""
+"""Noise: processor time per byte for every shipped protocol and role, on random bytes and on the worst bytes found."""
 
 from __future__ import annotations
 

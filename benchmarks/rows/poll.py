@@ -33,11 +33,14 @@ REPLY = struct.Struct(">9x10H")
 REPLY_SIZE = 29
 
 Polls = Callable[[], Awaitable[int | None]]
-"""Polls `POLLS` times, or as often as it says."""
+"""A function that polls `POLLS` times, or returns its number of polls."""
 
 
 class BareClient(asyncio.Protocol):
-    """The same request and the same checks by hand: the next request goes out from the callback of the last reply."""
+    """A hand-written client with the same request and checks.
+
+    It sends the next request from the callback of the last reply.
+    """
 
     def __init__(self) -> None:
         self.transaction = 0
@@ -76,7 +79,7 @@ class BareClient(asyncio.Protocol):
 
 
 class ReadingBlocks:
-    """A run with two READ blocks, each of which is due when the other one has ended."""
+    """A run with two READ blocks, each of which is due when the other has ended."""
 
     def __init__(self, port: int, folder: Path) -> None:
         file = folder / "poll.run.yaml"
@@ -93,12 +96,12 @@ class ReadingBlocks:
         self.service.start()
 
     def _count(self) -> int:
-        """How many reads have ended, all well."""
+        """Return the number of finished reads; assert that all succeeded."""
         assert not any(state.failed for state in self.service.states.values())
         return sum(state.done for state in self.service.states.values())
 
     async def polls(self) -> int:
-        """Lets them read for a while; how many polls that was."""
+        """Let them read for a while; return the number of polls."""
         before = self._count()
         self.service.enable(2)
         self.service.fire(1)
@@ -119,7 +122,7 @@ def reading_blocks(port: int) -> Iterator[ReadingBlocks]:
 
 
 async def clients(port: int, measure: Callable[[dict[str, Polls]], Awaitable[None]]) -> None:
-    """Opens all three, and closes them when `measure` is done."""
+    """Open all three clients; close them when `measure` is done."""
     transport, bare = await asyncio.get_running_loop().create_connection(BareClient, "127.0.0.1", port)
     theirs = AsyncModbusTcpClient("127.0.0.1", port=port)
     await theirs.connect()

@@ -1,4 +1,4 @@
-"""The receiver on streams of mixed frames in random pieces with noise, against decode of every frame ready-cut."""
+"""The receiver on streams of mixed frames in random pieces with noise, compared with decoding the separate frames."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def _against_decode(kind: Kind, rounds: int) -> Row:
 
 
 def receive(kind: Kind, pieces: list[bytes]) -> int:
-    """How many frames a receiver finds in pieces as a port hands them over."""
+    """Return the number of frames that a receiver finds in pieces of a port."""
     codec = kind.codec
     line = None if codec.protocol.line.kind == "stream" else LineFormat(9600)
     receiver = Receiver(codec, codec.protocol, Scope(codec.protocol, line=line))

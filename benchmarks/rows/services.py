@@ -53,9 +53,9 @@ STATIONS: dict[str, dict[str, Any]] = {
     "snp": {"params": {"use_break": "no"}},
     "snp-x": {"params": {"use_break": "no"}},
 }
-"""Who asks whom; all others have stations, and ask station 1."""
+"""Roles and parameters by protocol; all others have stations, and request from station 1."""
 FEW = {"snp": 20, "snp-x": 20}
-"""Reads a round where lines pause between messages."""
+"""Reads per round on lines that pause between messages."""
 TARGETS = {("modbus-tcp", "serve"): 0.7, ("modbus-tcp", "read"): 0.8}
 TARGETS |= {(name, "serve"): bound for name, bound in (("mldp", 1.2), ("srtp", 1.5), ("df1", 2.0))}
 TARGETS |= {(name, "read"): bound for name, bound in (("mldp", 1.2), ("srtp", 1.5), ("df1", 2.0))}
@@ -77,20 +77,20 @@ asyncio.run(main())
 
 
 class ServerProcess:
-    """A server in a process of its own, and the processor time it has taken."""
+    """A server in a process of its own, and its processor time."""
 
     def __init__(self, process: subprocess.Popen[str], port: int) -> None:
         self.port = port
         self._time = Path(f"/proc/{process.pid}/schedstat")
 
     def seconds(self) -> float:
-        """As the system counts it, of all its threads: the main one does the work."""
+        """Return the system's processor time for all its threads; the main thread does the work."""
         return int(self._time.read_text().split()[0]) / 1e9
 
 
 @contextlib.contextmanager
 def server_process(command: list[str]) -> Iterator[ServerProcess]:
-    """Starts it; its first line ends with the port."""
+    """Start the server; its first line ends with the port."""
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         try:
@@ -112,7 +112,7 @@ Reads = Callable[[], Awaitable[None]]
 
 
 def blocks_of(port: int, folder: Path) -> RunService:
-    """A run with two READ blocks, each due when the other has ended, that shows its frames to a monitor."""
+    """Return a run with two READ blocks, each due when the other has ended, with a monitor of frames."""
     file = folder / "reads.run.yaml"
     blocks = "".join(
         f'  {one}: {{read: "40001", count: 10, channel: 1, into: D00{one}00, when: block {3 - one} done}}\n'
@@ -125,7 +125,7 @@ def blocks_of(port: int, folder: Path) -> RunService:
 
 
 async def read_by_blocks(service: RunService) -> None:
-    """Lets the blocks read until they have done as many as the others."""
+    """Let the blocks read until they have made as many reads as the others."""
 
     def count() -> int:
         assert not any(state.failed for state in service.states.values())
@@ -197,7 +197,7 @@ def run(rounds: int) -> list[Row]:
 
 
 def reads_of(line: Any, place: str, count: int) -> Reads:
-    """Reads one after the other over a connection."""
+    """Read over a connection, one read after the other."""
 
     async def reads() -> None:
         for _ in range(count):
@@ -208,7 +208,7 @@ def reads_of(line: Any, place: str, count: int) -> Reads:
 
 
 def table_of(read: dict[str, Timing], served: dict[str, list[float]]) -> list[Row]:
-    """The server's and the client's row of every protocol, and the run's."""
+    """Return the rows of server and client for every protocol, and of the run."""
     servers = {name: Timing(tuple(times)) for name, times in served.items()}
     rows = []
     for side, times in (("serve", servers), ("read", read)):

@@ -45,7 +45,7 @@ def run(rounds: int) -> list[Row]:
 
 
 def _command(words: list[str], environment: dict[str, str]) -> Callable[[], float]:
-    """Runs it; the CPU seconds it took."""
+    """Run the command; return its CPU seconds."""
 
     def measure() -> float:
         before = _children()

@@ -24,7 +24,7 @@ NAME = "Trigger bit set → first byte handed to the port, 64 blocks armed"
 TARGET = "p99 ≤ 100 µs"
 SAMPLES = 1000
 ROUNDS = 25
-"""At least: of 1000 samples the 99th percentile is the tenth slowest, and any disturbance makes another one that."""
+"""Least number of rounds: the 99th percentile of 1000 samples is the tenth slowest, which any disturbance changes."""
 
 BLOCKS = 64
 
@@ -52,7 +52,7 @@ class NotingPort(Port):
             self.loop.call_soon(lambda: events.sent(time.monotonic_ns()))
 
     def write_through(self, data: bytes) -> bool:
-        """All has left, as ports say that the operating system takes bytes from at once."""
+        """Report all bytes as transmitted, like a port whose operating system accepts them at once."""
         self.written_at = time.perf_counter_ns()
         self.written.set()
         return True
@@ -61,11 +61,11 @@ class NotingPort(Port):
         self.events = None
 
     def send_break(self, duration: int) -> None:
-        """There is no line to hold."""
+        """Do nothing; no line exists."""
 
 
 async def p99(port: NotingPort, prepare: Callable[[int], None], trigger: Callable[[int], None]) -> float:
-    """Seconds from the call of `trigger` to the write; `prepare` comes before it."""
+    """Return the seconds from the call of `trigger` to the write; `prepare` is called before it."""
     found = []
     for sample in range(SAMPLES):
         port.written.clear()
@@ -80,7 +80,7 @@ async def p99(port: NotingPort, prepare: Callable[[int], None], trigger: Callabl
 
 
 def armed(loop: asyncio.AbstractEventLoop) -> tuple[RunService, NotingPort]:
-    """A run with 64 blocks, each waiting for a bit of its own; its port is one that notes."""
+    """Return a run with 64 blocks, each waiting for a bit of its own, on a port that records."""
     blocks = "\n".join(
         f"  {number}: {{send: WR.REQ, channel: 1, when: D{number:05}.0, data: {{payload: M0}}}}"
         for number in range(BLOCKS)
@@ -117,7 +117,7 @@ async def _measure(loop: asyncio.AbstractEventLoop, rounds: int) -> list[Row]:
         service.memory.write("D", "word", sample % BLOCKS, [1])
 
     def nothing(sample: int) -> None:
-        """Bare asyncio has no bit."""
+        """Do nothing; bare asyncio has no bit."""
 
     def call_soon(sample: int) -> None:
         loop.call_soon(bare.write, data)

@@ -188,7 +188,7 @@ def test_of_a_crowd_of_bad_frames_the_first_are_told_and_then_one_for_many_bytes
 
 
 BAD_TEXT = bytes.fromhex("10 02 01 02 06 00 01 00 10 03 ff ff")
-"""A DF1 message whose check code is wrong; the next byte begins after it."""
+"""A DF1 message with a wrong check code; the next byte starts after it."""
 
 
 @pytest.mark.parametrize(
@@ -197,7 +197,7 @@ BAD_TEXT = bytes.fromhex("10 02 01 02 06 00 01 00 10 03 ff ff")
     ids=str,
 )
 def test_of_a_crowd_of_frames_broken_off_or_damaged_only_some_are_told(unit: bytes, size: int, most: int) -> None:
-    """Where reading goes on after a damaged frame (`after_frame`); no byte is lost, and a good frame is found."""
+    """Reading continues after a damaged frame (`after_frame`); no byte is lost, and a good frame is found."""
     seen: list[Seen] = []
     data = unit * (3000 // len(unit))
     count, hearing = calls("df1", "full", cut(data + b"\x10\x06", size), seen.append)
@@ -210,7 +210,7 @@ def test_of_a_crowd_of_frames_broken_off_or_damaged_only_some_are_told(unit: byt
 
 
 def test_a_damaged_frame_that_is_not_told_is_passed_over_whole() -> None:
-    """Two bytes of its check code look like an ACK: with `after_frame` they are none."""
+    """Two bytes of the check code look like an ACK; with `after_frame` they are skipped."""
     unit = BAD_TEXT[:-2] + b"\x10\x06"
     for size in (1, 5, 1500):
         _, hearing = calls("df1", "full", cut(unit * 40, size))
@@ -219,7 +219,7 @@ def test_a_damaged_frame_that_is_not_told_is_passed_over_whole() -> None:
 
 
 class Searches:
-    """Counts the bytes that a pattern is searched in."""
+    """Count the bytes in which a pattern is searched."""
 
     def __init__(self, pattern: Any) -> None:
         self.pattern, self.bytes = pattern, 0
@@ -231,7 +231,7 @@ class Searches:
 
 
 def work_byte_by_byte(name: str, role: str, data: bytes) -> tuple[int, int]:
-    """Lines that framekit runs, and bytes searched for frames inside others, while a message comes byte by byte."""
+    """Return the executed lines of framekit, and the bytes searched for inner frames, for a message byte by byte."""
     hearing, count = engine(name, role), 0
     finder: Any = hearing.receiver._inside
     finder._marks = searches = Searches(finder._marks)
@@ -305,14 +305,15 @@ frames:
 
 
 MOST_BY_NUMBER = 120
-"""Calls for each byte of starts and damaged frames, of which a new one comes every two to eleven bytes: 109 at most.
+"""Most calls per byte of starts and damaged frames that begin every two to eleven bytes: 109 at most.
 
-The faults of two candidates are compared for each bad frame: the innermost fault of the better one is reported."""
+The faults of two candidates are compared for each bad frame: the innermost fault of the better candidate is reported.
+"""
 
 
 @pytest.mark.long
 def test_of_frames_that_a_number_behind_the_head_tells_apart_only_that_one_is_read() -> None:
-    """Sixty of them are measured alike, and their check code counts a byte that is not sent."""
+    """Sixty frames have the same size, and their check code covers a byte that is not transmitted."""
     frames = "\n".join(
         f"  m{code}: {{group: message, where: {{id: {code}}}, body: [{{data: d, size: n}}]}}" for code in range(60)
     )

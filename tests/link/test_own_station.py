@@ -1,4 +1,4 @@
-"""Which requests a server of `standard` takes for its own: what fills their station says so, no field's name."""
+"""The requests that a server of `standard` accepts: the values of their station decide, not the name of a field."""
 
 from __future__ import annotations
 

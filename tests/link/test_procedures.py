@@ -1,4 +1,4 @@
-"""Procedures: services whose sequence asks other services, with arguments, results and names for codes by condition."""
+"""Procedures: services whose sequence calls other services, with arguments, results and conditional names for codes."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ services:
 
 
 class Pair:
-    """A client and a device that keeps cells."""
+    """A client, and a device that stores cells."""
 
     def __init__(self, text: str = CELLS) -> None:
         protocol, codec = compiled(text)

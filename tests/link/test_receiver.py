@@ -347,7 +347,7 @@ frames:
 def test_cutting_changes_nothing_on_a_stream_where_characters_take_no_time(
     parts: list[bytes], places: list[int]
 ) -> None:
-    """Noise goes on in the next piece, also where the definition has no `quiet` and the pieces come a while apart."""
+    """Noise continues in the next piece, also if the definition has no `quiet` and the pieces arrive with pauses."""
     data = b"".join(parts)
     whole = feed(receiver_of(ON_A_STREAM), [data], ("note",))
     assert feed(receiver_of(ON_A_STREAM), cut_at(data, places), ("note",)) == whole
@@ -378,7 +378,10 @@ receiver: {gap: 50 ms, quiet: 4 chars}
 
 
 def test_a_frame_whose_end_is_lost_is_compared_where_it_stands_after_the_buffer_has_moved() -> None:
-    """`short` is known as bad early; `long` is bad some bytes later, when what stood before them has been let go."""
+    """`short` is found bad early.
+
+    `long` is found bad some bytes later, after the bytes before them have been released.
+    """
     data = bytes.fromhex("CC 01 02" * 20 + "AA FF 01 02 03 04 05 06 CC 07 08")
     names = ("good", "short", "long")
     whole = feed(receiver_of(LOST_AND_LONG), [data], names)
@@ -399,7 +402,7 @@ def test_every_byte_becomes_something_exactly_once(data: bytes, names: tuple[str
 
 @given(st.binary(max_size=200), st.sampled_from(["set", "get"]))
 def test_a_frame_behind_noise_is_found_once_a_pause_has_shown_false_starts(noise: bytes, name: str) -> None:
-    """What limits it: a false start that wants more holds the search, until a pause longer than `gap` or its end."""
+    """A limit of the search: a false start that needs bytes holds it, until a pause longer than `gap` or its end."""
     receiver = receiver_of(LETTERS)
     feed(receiver, [noise], ALL, quiet_at_end=False)
     receiver.append(GET if name == "get" else SET, 3600 * SECOND)
@@ -495,7 +498,7 @@ class SurpriseError(Exception):
 def test_whatever_a_generated_function_raises_ends_nothing(
     text: str, frame: str, which: tuple[str, ...], error: type[Exception], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A frame that cannot be judged is a bad one, others are found as ever."""
+    """A frame whose function raises is a bad frame; other frames are found as usual."""
     data = GET if frame == "get" else built(text, "short", data=b"ab")
     for pieces in ([data], [bytes((byte,)) for byte in data]):
         receiver = receiver_of(text)
@@ -532,7 +535,7 @@ frames:
 
 
 def test_a_bad_frame_does_not_wait_for_a_longer_one_that_is_bad_already() -> None:
-    """The other reply is a byte longer, and has another constant where this one is right."""
+    """The other candidate is a byte longer, and has another constant at a place where this reply is right."""
     bad, good = b"\x02PV 25.1\x03\x11", b"\x02PV25.2\x03"
     good += bytes((functools.reduce(operator.xor, good[1:]),))
     receiver, names = receiver_of(LONGER), ("told", "told_hex")

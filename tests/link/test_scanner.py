@@ -1,4 +1,4 @@
-"""Shortcuts of the receiver change no result: rows, sizes by a byte and quick looks find what measuring finds."""
+"""The receiver's shortcuts change no result: rows, size bytes and quick tests find the same frames as measuring."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from framekit.link.values import plain
 
 @cache
 def careful_table(name: str) -> FrameTable:
-    """A table without shortcuts: frames are measured and decoded, never judged by bytes or tables of sizes."""
+    """Return a table without shortcuts: frames are measured and decoded, not tested by bytes or size tables."""
     protocol, codec, _ = loaded(name)
     table = FrameTable(protocol, codec)
     for info in table.infos.values():
@@ -37,7 +37,7 @@ def careful_table(name: str) -> FrameTable:
 
 
 class Careful(Receiver):
-    """Compares the candidates at every position."""
+    """A receiver that compares the candidates at every position."""
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
@@ -75,7 +75,7 @@ def state(one: Receiver) -> tuple[Any, ...]:
 
 
 def stream_of(name: str, choose: random.Random) -> bytes:
-    """Frames, whole and damaged, with noise between them; also bytes that frames begin with."""
+    """Return whole and damaged frames with noise between them, and first bytes of frames."""
     samples = loaded(name)[2]
     parts = []
     for _ in range(choose.randrange(1, 12)):
@@ -152,7 +152,10 @@ def test_the_quick_way_finds_what_looking_finds(name: str, strange: bool) -> Non
 
 
 def noise_of(name: str, choose: random.Random) -> bytes:
-    """Mostly noise: bytes that frames begin with, parts of frames, anything; and frames whole or with one bit wrong."""
+    """Return mostly noise: first bytes of frames, parts of frames, random bytes.
+
+    And frames whole or with a wrong bit.
+    """
     samples = loaded(name)[2]
     parts = []
     for _ in range(choose.randrange(5, 30)):
@@ -222,7 +225,7 @@ def test_a_frame_longer_than_what_is_copied_is_found() -> None:
 
 
 def test_two_frames_inside_of_fixed_sizes_are_looked_at() -> None:
-    """A frame of always the same size whose second frame inside is none that is known: noise, however it comes."""
+    """A frame of fixed size whose second inner frame is unknown is noise, in any pieces."""
     frames = "frames:\n  one: {body: [{const: 01}]}\n  two: {body: [{const: 02}, {field: a, type: u16}]}"
     protocol = small_protocol("[{inner: i, of: [one]}, {inner: j, of: [two]}, {const: 7E}]", frames)
     codec = compile_protocol(protocol)

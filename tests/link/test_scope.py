@@ -1,4 +1,4 @@
-"""Parameters with other values for a while: given back in any order, and untouched where one of them is wrong."""
+"""Temporary values of parameters: restored in any order, and unchanged if one of the new values is invalid."""
 
 from __future__ import annotations
 

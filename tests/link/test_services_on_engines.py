@@ -1,4 +1,4 @@
-"""Clients and servers of the shipped protocols on two engines with a virtual line between them: bytes, time and all."""
+"""Clients and servers of the shipped protocols on two engines with a virtual line: frames and times."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def test_everybody_is_written_and_nobody_answers() -> None:
 
 
 def test_a_changed_byte_count_is_never_stored() -> None:
-    """The device answers with a good frame that has fewer bytes than were asked for."""
+    """The device answers with a good frame that has fewer bytes than requested."""
     pair = Pair("modbus-tcp")
     pair.memory.write("holding", "word", 0, [1, 2, 3])
     results: list[TransferResult] = []

@@ -1,4 +1,4 @@
-"""The server: requests read backwards, refusals in their order, memory that is mapped, and work of every kind."""
+"""The server: inverse evaluation of requests, order of refusals, mapped memory, and all kinds of services."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from framekit.memory.profile import load_profile
 
 
 def with_check(text: str, head: str = "\x05", tail: str = "\x04") -> bytes:
-    """A frame of the ASCII protocol with its check code (lower-case command)."""
+    """Return a frame of the ASCII protocol with its check code (lower-case command)."""
     body = (head + text + tail).encode()
     return body + f"{sum(body) & 0xFF:02X}".encode()
 
@@ -131,7 +131,7 @@ def pdu(loop: Loop, raw: bytes) -> bytes:
 
 
 def guide_loop(**params: Any) -> Loop:
-    """Areas mapped as in the guide's chapter 9: DI P20, DO M300, AI M400, AO M500."""
+    """Return a loop with areas mapped as in the guide's chapter 9: DI P20, DO M300, AI M400, AO M500."""
     mapping = {"input": ("P", 320), "coil": ("M", 4800), "input_register": ("M", 400), "holding": ("M", 500)}
     return Loop("modbus-rtu", memory=load_profile("masterlogic").create(), mapping=mapping, params=params)
 

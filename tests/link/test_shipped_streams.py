@@ -29,7 +29,7 @@ from framekit.runfile.devices import memory_of
 
 VECTORS = sorted(file.name.split(".")[0] for file in shipped_definitions("*.vectors.yaml"))
 NAMES = [name for name in VECTORS if "\nprotocol: " in "\n" + file_of(f"{name}.yaml").read_text(encoding="utf-8")]
-"""Protocols; an application has no line, so no stream either."""
+"""Protocols, without applications, which have no line and so no stream."""
 
 
 @cache

@@ -1,4 +1,4 @@
-"""Two small protocols of decimal text, as a user would write them: sentences of NMEA 0183, a temperature controller.
+"""Two small protocols of decimal text, as users would write them: sentences of NMEA 0183, a temperature controller.
 
 The sentences are the well-known examples of RMC and GGA, byte for byte (Dale DePriest, "NMEA data").
 """

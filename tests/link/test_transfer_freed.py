@@ -12,7 +12,7 @@ from framekit.link.services.client import Transfer, TransferResult
 
 
 class Engine:
-    """Starts exchanges, and keeps them."""
+    """An engine that starts exchanges and stores them."""
 
     scope = SimpleNamespace(now=0)
 

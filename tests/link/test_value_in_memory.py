@@ -1,4 +1,4 @@
-"""`value(address, type)` in expressions of a definition: numbers of several bytes in the memory of a device."""
+"""`value(address, type)` in expressions of a definition: multi-byte numbers in the memory of a device."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # ruff: noqa: E501 - definitions in YAML
-"""Elements as numbers in rows of read and write: registers in digits, decimal text, scaled numbers, lists of them."""
+"""Elements as numbers in rows of read and write: registers in digits, decimal text, scaled numbers, lists."""
 
 from __future__ import annotations
 
@@ -214,7 +214,7 @@ services:
 
 
 def test_text_keeps_the_form_of_the_address() -> None:
-    """Where several forms name one place, `text` is in the one that was given, of the places after the first too."""
+    """If several forms describe a place, `text` has the given form, also for the places after the first."""
     loop = Loop(TEXTS)
     loop.memory.write("D", "word", 7, [1, 0xFFFE, 3])
     assert loop.do("read", "D7.S", count=3).values == [1, 0xFFFE, 3] and loop.do("read", "d8.s").ok
@@ -299,7 +299,7 @@ def test_a_server_takes_and_gives_numbers_as_the_form_of_the_address_says() -> N
 
 
 def test_double_words_at_odd_words() -> None:
-    """A place between two elements of its unit is asked for by its text, on both sides."""
+    """A place between two elements of its unit is requested by its text, on both sides."""
     loop = Loop(FORMS.replace("server_only: yes, request: {READ", "limit: {count: 1}, request: {READ").replace(
         "server_only: yes, request: {WRITE", "limit: {count: 1}, request: {WRITE"
     ))  # fmt: skip
@@ -340,7 +340,7 @@ services:
 
 
 def test_what_is_worked_out_of_elements_is_read_backwards() -> None:
-    """`value` and `values` of `back`, of one place and of each item."""
+    """`value` and `values` of `back`, for a single place and for each item."""
     loop = Loop(WORKED_OUT)
     for number in (0, 1, 0x7FFF, 0x8000, 0xFFFE):
         assert loop.do("write", "D7", [number]).ok and loop.memory.read("D", "word", 7, 1) == [number]

@@ -1,4 +1,4 @@
-"""Values of rows: parts of addresses in other units, fields of cases not taken, fractions, names of one variable."""
+"""Values of rows: parts of addresses in other units, fields of unused cases, fractions, names of a variable."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ services:
 
 
 def failures(folder: Path, definition: str, conversations: Iterable[str], capsys: pytest.CaptureFixture[str]) -> str:
-    """What `framekit test` prints of conversations that fail; '' if all pass."""
+    """Return the output of `framekit test` if conversations fail, else ''."""
     lines = "".join(f"  - {{name: case {number}, role: server, {case}}}\n" for number, case in enumerate(conversations))
     name = definition.partition("\n")[0].removeprefix("protocol: ")
     (folder / f"{name}.yaml").write_text(definition)
@@ -132,7 +132,7 @@ def test_names_of_one_variable_stand_in_each(kind: str, told: str) -> None:
 
 
 def problems_of(text: str) -> list[str]:
-    """The errors of a definition, or the warnings of one without errors."""
+    """Return the errors of a definition, or the warnings if it has no errors."""
     try:
         return [str(problem) for problem in load_protocol_text(text).warnings]
     except DefinitionError as error:

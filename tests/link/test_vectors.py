@@ -1,4 +1,4 @@
-"""Vectors: how their files are read, that the shipped ones hold, and that a wrong one is found out."""
+"""Vectors: reading their files, verification of the shipped vectors, and detection of wrong vectors."""
 
 from __future__ import annotations
 
@@ -322,7 +322,7 @@ def test_random_bytes_of_a_case_are_as_many_as_are_asked_for(tmp_path: Path, dra
 
 
 CODES = {"modbus-rtu": (2, 0), "modbus-ascii": (2, 2), "uss": (1, 0)}
-"""How many bytes the check code of a protocol has, and how many follow it."""
+"""Size of a protocol's check code, and number of bytes after it."""
 
 
 def _is_read(codec: Any, frame: str, data: bytes) -> bool:
@@ -335,7 +335,7 @@ def _is_read(codec: Any, frame: str, data: bytes) -> bool:
 
 @pytest.mark.parametrize("name", CODES)
 def test_a_check_code_that_is_received_is_computed(name: str) -> None:
-    """Received frames of shipped conversations get the code that the case has, if it is right there."""
+    """The code of received frames in shipped conversations is recomputed; it equals the right code of the case."""
     vectors, protocol = vectors_of(name), load_protocol(name)
     codec, (size, after) = compile_protocol(protocol), CODES[name]
     computed = 0

@@ -1,4 +1,4 @@
-"""Words of a memory that show the date and the time, on virtual time."""
+"""Words of a memory that contain the date and the time, on virtual time."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ def bit(memory: DeviceMemory, address: str) -> bool:
 
 
 def run(bits: SystemBits, start: int, end: int) -> list[int]:
-    """Comes exactly when asked to; the times of the updates."""
+    """Update the bits at each requested time; return these times."""
     times = []
     now = start
     while (now := bits.next_change(now)) <= end:

@@ -1,7 +1,6 @@
-"""The shipped profile against the Snet notes: sizes, notations, system bits, words of blocks.
+"""The shipped profile compared with the Snet notes: sizes, notations, system bits, words of blocks.
 
-The addresses are read here with regular expressions made from the forms, all forms at once, so that a text with two
-meanings shows.
+The test reads addresses by regular expressions made from all forms at once, so a text with two meanings is detected.
 """
 
 from __future__ import annotations
@@ -56,7 +55,7 @@ def patterns() -> list[tuple[re.Pattern[str], AddressForm, ProfileArea]]:
 
 
 def meanings(text: str) -> set[tuple[str, str, int]]:
-    """Area, unit and start of every way to read the text."""
+    """Return area, unit and start for every form that fits the text."""
     found = set()
     for compiled, form, area in patterns():
         match = compiled.fullmatch(text)

@@ -19,7 +19,7 @@ FORMATS = {"signed": "bhiq", "unsigned": "BHIQ"}
 
 
 def in_order(value: bytes, order: str) -> bytes:
-    """Words as they stand in a device, high byte first, of a number with its high byte first."""
+    """Return a big-endian number as words in this order, each word high byte first."""
     words = [value[at : at + 2] for at in range(0, len(value), 2)]
     if order in ("BADC", "DCBA"):
         words = [word[::-1] for word in words]

@@ -1,7 +1,7 @@
-"""Programs of the fault test: each works with files below a folder while one call of the system after the other fails.
+"""Programs of the fault test: each uses files in a folder while one system call after the other fails.
 
-Started by `test_faults_of_calls` with the library of `tests/system_faults.c` preloaded:
-`python fault_scenarios.py SCENARIO FOLDER` prints, as JSON, how many calls failed, and each violation of a rule.
+`test_faults_of_calls` starts them with the library of `tests/system_faults.c` preloaded: `python fault_scenarios.py
+SCENARIO FOLDER` prints, as JSON, the number of failed calls, and each violation of a rule.
 """
 
 from __future__ import annotations
@@ -47,19 +47,19 @@ SECOND = 1_000_000_000
 START = 1_772_366_400 * SECOND
 ERRORS = (errno.ENOSPC, errno.EIO, errno.EROFS)
 MOST = 400
-"""Calls of a scenario at most."""
+"""Most calls of a scenario."""
 
 
 @cache
 def library() -> ctypes.CDLL:
-    """The library that was preloaded."""
+    """Return the preloaded library."""
     found = ctypes.CDLL(None)
     found.faults_disarm.restype = ctypes.c_long
     return found
 
 
 class Faults:
-    """Lets the call number `number`, with `lasts` every later one too, fail with `error` below a folder."""
+    """Make system calls on a folder fail with `error`: the call number `number`, and with `lasts` all later calls."""
 
     def __init__(self, folder: Path, number: int, error: int, lasts: bool) -> None:
         self.folder, self.number, self.error, self.lasts = folder, number, error, lasts
@@ -87,7 +87,7 @@ def sample(number: int) -> Sampled:
 
 
 class BrokenRuleError(Exception):
-    """A rule that does not hold."""
+    """A violation of a rule."""
 
 
 def rule(holds: bool, what: str) -> None:
@@ -190,7 +190,7 @@ def parquet(folder: Path, faults: Faults) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sent(NetworkSink):
-    """A server that takes values unless it is away."""
+    """A server that accepts values unless it is unreachable."""
 
     word: ClassVar[str] = "sent"
     sent: str = key("sent", TEXT, "Where they would go.")
@@ -214,7 +214,7 @@ class Sending(Sink):
 
 
 def store(folder: Path, faults: Faults) -> None:
-    """The server is away, comes back, and goes again while calls fail."""
+    """Make the server unreachable, reachable and unreachable again while calls fail."""
     kind = Sent(sent="there", store=str(folder / "values.mqtt.db"), most=100, at=NOWHERE)
     Sent.taken.clear()
     Sent.is_away[:] = [True]
@@ -319,7 +319,7 @@ def capture_scenario(suffix: str) -> Scenario:
 
 
 def rolled(folder: Path, faults: Faults) -> None:
-    """A rolled run file that is kept, and one that is put back."""
+    """Replace a run file permanently, and replace it and roll it back."""
     path = folder / "plant.run.yaml"
     path.write_text("old")
     contents = {"old"}
@@ -377,7 +377,7 @@ SCENARIOS: dict[str, Scenario] = {
 
 
 def trials(scenario: Scenario, folder: Path) -> Iterator[dict[str, Any]]:
-    """Let each call of a scenario fail, by each error, once and from then on."""
+    """Make each call of a scenario fail, by each error, once and from then on."""
     for error in ERRORS:
         for lasts in (False, True):
             for number in range(1, MOST):

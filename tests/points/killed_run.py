@@ -33,7 +33,7 @@ def write_files(folder: Path, port: int) -> Path:
 
 
 def change(path: str, log: str, last: int, pause: float) -> None:
-    """Changes points to numbers from the one after the last begun on up to `last`; a number in a pause of seconds."""
+    """Change points to the numbers after the last begun number up to `last`, one number per `pause` seconds."""
     asyncio.run(_change(Path(path), Path(log), last, pause))
 
 

@@ -1,4 +1,4 @@
-"""Loads the run of `killed_run` once where processes are forked from, so that each of them begins at once."""
+"""Load the run of `killed_run` in the process that others are forked from, so each of them starts at once."""
 
 from __future__ import annotations
 

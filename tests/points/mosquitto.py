@@ -24,7 +24,7 @@ def free_port() -> int:
 
 
 class Broker:
-    """A mosquitto on `port`; `more`: lines of its configuration."""
+    """A mosquitto on `port`; `more` are lines of its configuration."""
 
     def __init__(self, folder: Path, *more: str, port: int | None = None) -> None:
         self.port = free_port() if port is None else port
@@ -36,7 +36,7 @@ class Broker:
         self.start()
 
     def start(self) -> None:
-        """Begins, and waits until it can be reached."""
+        """Start the broker, and wait until it is reachable."""
         assert BINARY is not None
         self._process = subprocess.Popen([BINARY, "-c", str(self._file)], stderr=subprocess.DEVNULL)
         for _ in range(1000):
@@ -48,7 +48,7 @@ class Broker:
         raise AssertionError("mosquitto does not start")
 
     def kill(self) -> None:
-        """As a crash would end it."""
+        """End the process like a crash."""
         if self._process is not None:
             self._process.kill()
             self._process.wait()

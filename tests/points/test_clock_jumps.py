@@ -1,4 +1,4 @@
-"""The wall clock jumps: no history loses values for it, rotated files go on, and the jump is reported."""
+"""Jumps of the wall clock: no history loses values, rotated files continue, and the jump is reported."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ IN_2038 = 2_200_000_000 - START // SECOND
 
 
 class Clock:
-    """The clock of a run that a sink meets, and the wall clock as far from it as `offset` says (seconds)."""
+    """The clock of a run for a sink, and the wall clock with an `offset` in seconds."""
 
     run = "plant"
 

@@ -1,6 +1,6 @@
-"""Each call of the system that writes, opens, renames, removes or syncs a file fails once, and from then on.
+"""Each system call that writes, opens, renames, removes or syncs a file fails once, and from then on.
 
-Afterwards a file holds its old or its new content, losses were reported, and no call raised: as SQLite tests itself
+Afterwards a file has its old or its new content, losses were reported, and no call raised: as in SQLite's own tests
 (sqlite.org/testing.html, I/O error testing). The calls fail in a preloaded library, so those of SQLite fail, too.
 """
 
@@ -43,7 +43,7 @@ LEAST = {
     "csv-rotate": 130,
     "parquet": 100,
 }
-"""Trials of a scenario at least; of the others there are more than 200."""
+"""Least number of trials of a scenario; the others have more than 200."""
 SHORT = ("cache", "capture-pcap", "csv-rotate")
 
 

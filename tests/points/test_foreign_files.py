@@ -1,4 +1,4 @@
-"""What sinks do with a file, a folder or a device that already has the name of their file."""
+"""Sinks whose file name is already used by another file, a folder or a device."""
 
 from __future__ import annotations
 

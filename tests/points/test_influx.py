@@ -1,4 +1,4 @@
-"""Lines of InfluxDB over HTTP, held against a small server that reads them by the rules of the protocol."""
+"""Lines of InfluxDB over HTTP, sent to a small server that reads them by the rules of the protocol."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _LINE = re.compile(
 
 
 class Database:
-    """Takes lines; `answers` are the next answers, then 204. `refuses`: lines with that text are refused."""
+    """A server of lines; `answers` are the next status codes, then 204. `refuses`: lines with that text are refused."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -133,7 +133,7 @@ def test_what_is_never_taken_is_dropped_and_counted(tmp_path: Path) -> None:
 
 
 def numbered(at: int) -> Sampled:
-    """A sample whose time is its value."""
+    """Return a sample whose time equals its value."""
     return Sampled(at, (PointValue("level", at, "good", "", at, at),))
 
 

@@ -1,4 +1,4 @@
-"""Values in a real InfluxDB (Debian's `influxdb`), which is killed and started again meanwhile."""
+"""Values in a real InfluxDB (Debian's `influxdb`), which is killed and restarted meanwhile."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Influx:
         self._process.wait()
 
     def ask(self, query: str, **more: str) -> list[list[Any]]:
-        """The rows that a query gives."""
+        """Return the rows of a query."""
         data = urllib.parse.urlencode({"q": query, **more}).encode()
         with urllib.request.urlopen(f"http://127.0.0.1:{self.port}/query", data, 10) as answer:
             found = json.load(answer)["results"][0].get("series", [])

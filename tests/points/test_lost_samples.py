@@ -42,7 +42,7 @@ LISTENERS = {"opcua": "opcua: {port}", "prometheus": "prometheus: {port}"}
 """The keys of each kind; `port` is a number at which no server listens, or at which another program does."""
 
 LOST = "2 samples were lost (temperature 2, state 2)"
-"""Two of four samples."""
+"""The message for two of four samples."""
 
 
 @pytest.fixture

@@ -46,7 +46,7 @@ def _cut(path: Path) -> None:
 
 
 class Feeding:
-    """A sink at work without a thread, and the lines of its trouble."""
+    """An active sink without a thread, and the lines of its trouble."""
 
     def __init__(self, kind: SinkKind) -> None:
         clock = VirtualClock()
@@ -101,7 +101,7 @@ def test_a_file_that_was_put_there_is_continued(tmp_path: Path) -> None:
 
 
 def test_the_log_of_a_database_that_was_put_there_is_kept(tmp_path: Path) -> None:
-    """A copy with its log: the last rows are in the log."""
+    """The copy includes the log of the database, which has the last rows."""
     path, copied = tmp_path / "a.db", tmp_path / "copied"
     work, other = Feeding(SqliteHistory(sqlite=str(path), at=NOWHERE)), tmp_path / "other.db"
     work.put(1)
@@ -122,7 +122,7 @@ def test_the_log_of_a_database_that_was_put_there_is_kept(tmp_path: Path) -> Non
 
 
 def test_values_wait_while_the_folder_is_missing(tmp_path: Path) -> None:
-    """A disk that is unmounted: its folder is not made on the disk below."""
+    """The disk is unmounted: the folder must not be created on the disk below."""
     folder = tmp_path / "disk"
     folder.mkdir()
     path = folder / "a.csv"

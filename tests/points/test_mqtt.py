@@ -127,7 +127,7 @@ def test_home_assistant_is_told(tmp_path: Path) -> None:
 
 
 def certificates(folder: Path) -> None:
-    """`ca.pem`, and with it signed `server.pem` with `server.key`, for 127.0.0.1."""
+    """Write `ca.pem`, and `server.pem` signed by it with `server.key`, for 127.0.0.1."""
     pytest.importorskip("cryptography", reason="cryptography is not installed")
     import ipaddress
 

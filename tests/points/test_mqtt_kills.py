@@ -97,7 +97,10 @@ class Network:
 
 
 def kill_at_random(folder: Path, changes: int, kills: int, pause: float, seed: int) -> Counter[str]:
-    """What happened, and how many messages came, and how many of them twice. Raises AssertionError."""
+    """Kill at random while points change; return counts of kills, messages and repeated messages.
+
+    Raises AssertionError.
+    """
     chance = random.Random(seed)
     context = _forks()
     log = folder / "log"
@@ -156,7 +159,7 @@ def kill_at_random(folder: Path, changes: int, kills: int, pause: float, seed: i
 
 
 def _forks() -> multiprocessing.context.ForkServerContext:
-    """Processes that begin at once: they are forked from one that has loaded the run."""
+    """Return a context of processes that start at once: they are forked from a process that has loaded the run."""
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["points.killed_run_loaded"])
     before = os.environ.get("PYTHONPATH")
@@ -170,7 +173,7 @@ def _forks() -> multiprocessing.context.ForkServerContext:
 
 
 def _repeats(came: list[int]) -> int:
-    """How often a sequence goes back; each time it goes on from there without a gap, in its own order."""
+    """Return the number of times a sequence goes back; assert that it continues without a gap after each."""
     back = 0
     order = {number: at for at, number in enumerate(sorted(set(came)))}
     for before, number in pairwise(came):
@@ -182,7 +185,7 @@ def _repeats(came: list[int]) -> int:
 
 
 def _wait_for_changes(log: Path, number: float, process: multiprocessing.process.BaseProcess) -> None:
-    """Until so many have begun."""
+    """Wait until the change to this number has begun."""
     until = time.monotonic() + 30
     while time.monotonic() < until and process.is_alive():
         with log.open("rb") as file:

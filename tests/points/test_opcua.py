@@ -45,7 +45,7 @@ def run_file(folder: Path, sink: str) -> Path:
 
 
 class Ports(logging.Handler):
-    """Hears from the log where servers listen."""
+    """A log handler that records the ports of servers."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -66,7 +66,7 @@ def ports() -> Iterator[queue.Queue[int]]:
 
 
 def with_client(port: int, work: Callable[[Any], Awaitable[None]], **settings: Any) -> None:
-    """Does something with a client that is connected."""
+    """Run `work` with a connected client."""
     from asyncua import Client
 
     async def all_of_it() -> None:
@@ -164,7 +164,7 @@ def test_a_client_writes_what_may_be_written(
 
 
 def certificate(folder: Path, uri: str) -> tuple[Path, Path]:
-    """A certificate signed by itself, and its key."""
+    """Write a self-signed certificate, and its key."""
     from cryptography import x509
     from cryptography.hazmat.primitives import hashes, serialization
     from cryptography.hazmat.primitives.asymmetric import rsa

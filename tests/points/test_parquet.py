@@ -1,4 +1,4 @@
-"""Parquet files of values: typed columns, a file an hour, whole after crashes."""
+"""Parquet files of values: typed columns, a file per hour, complete after crashes."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ points:
 
 
 def device_in(folder: Path, values: str, *, protocol: str = "modbus-tcp", station: Any = 1) -> None:
-    """A simulated device with these start values."""
+    """Write a simulated device with these start values."""
     text = DEVICE.format(protocol=protocol, station=station, values=values)
     (folder / "meter.device.yaml").write_text(text, "utf-8")
 
@@ -40,7 +40,7 @@ def device_in(folder: Path, values: str, *, protocol: str = "modbus-tcp", statio
 def run_of(
     folder: Path, points: str, values: str, *, protocol: str = "modbus-tcp", station: Any = 1, more: str = ""
 ) -> VirtualRun:
-    """A run with these points, one a line, at a simulated device with these start values."""
+    """Write a run with these points, one per line, and a simulated device with these start values."""
     device_in(folder, values, protocol=protocol, station=station)
     lines = "\n".join(f"  {line}" for line in points.strip().splitlines())
     text = RUN.format(protocol=protocol, station=station, points=lines) + more
@@ -165,7 +165,7 @@ services:
 
 
 def tank_of(folder: Path, points: str) -> VirtualRun:
-    """A run with these points, at a device that answers one service."""
+    """Write a run with these points, and a device that answers one service."""
     (folder / "tank.yaml").write_text(TANK, "utf-8")
     (folder / "tank.device.yaml").write_text("device: one\nprotocol: tank.yaml\n", "utf-8")
     lines = "\n".join(f"  {line}" for line in points.strip().splitlines())
@@ -237,7 +237,10 @@ def test_a_gap_is_read_where_the_run_says_so(tmp_path: Path) -> None:
 
 
 def test_no_point_is_cut_by_the_end_of_a_request(tmp_path: Path) -> None:
-    """A request of Modbus brings 125 registers: a double word must not come half from one and half from the next."""
+    """A Modbus request has at most 125 registers.
+
+    A double word must not be read half by one request and half by the next.
+    """
     points = "\n".join(f'p{at}: {{channel: 1, address: "{40001 + 2 * at}", type: uint32}}' for at in range(100))
     run = run_of(tmp_path, points, '"40001": [1]')
     assert reads_of(run) == [("40001", 124), ("40125", 76)]

@@ -1,4 +1,4 @@
-"""A history in PostgreSQL: with a server of its own (Debian's `postgresql`), started and killed by the test."""
+"""A history in PostgreSQL: with a separate server (Debian's `postgresql`), started and killed by the test."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from framekit.sinks.secrets import Secret
 psycopg = pytest.importorskip("psycopg", reason="psycopg is not installed")
 PROGRAMS = max(Path("/usr/lib/postgresql").glob("*/bin"), default=Path(os.path.dirname(shutil.which("initdb") or "/")))
 AS_OTHER = ["runuser", "-u", "postgres", "--"] if os.geteuid() == 0 else []
-"""A server refuses to run as root."""
+"""Command prefix, since a server refuses to run as root."""
 MS = 1_000_000
 
 pytestmark = [
@@ -40,7 +40,7 @@ pytestmark = [
 
 
 class Server:
-    """A server on a free port, with the password of its user `framekit` in `password_file`."""
+    """A server on a free port; `password_file` has the password of its user `framekit`."""
 
     def __init__(self) -> None:
         self.folder = Path(tempfile.mkdtemp(prefix="framekit-postgres-"))
@@ -91,7 +91,7 @@ def server() -> Iterator[Server]:
 
 
 class Named:
-    """A run, as the sink sees it."""
+    """A run as a sink sees it."""
 
     run = "plant"
 

@@ -1,4 +1,4 @@
-"""Check of a run file: every problem that does not follow from another comes at once."""
+"""Check of a run file: all problems that do not follow from others are reported together."""
 
 from __future__ import annotations
 

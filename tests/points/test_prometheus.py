@@ -1,4 +1,4 @@
-"""What Prometheus fetches: values, quality, counters; read with the library's own parser."""
+"""The page that Prometheus fetches: values, quality, counters; read with the library's own parser."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ pytest.importorskip("prometheus_client", reason="prometheus-client is not instal
 
 
 def metrics(port: int) -> dict[str, dict[str, float]]:
-    """Values by name, then by the most telling label."""
+    """Return the values by name and by their most distinctive label."""
     from prometheus_client.parser import text_string_to_metric_families
 
     with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics", timeout=10) as reply:

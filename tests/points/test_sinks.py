@@ -1,4 +1,4 @@
-"""Sinks: files and histories of values, whole after crashes, in order, and never in a line's way."""
+"""Sinks: files and histories of values, complete after crashes, in order, and without delaying a line."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def lines_of(path: Path) -> list[str]:
 
 
 def taken(sink: Sink, samples: Sequence[Sampled], points: Sequence[Point] = POINTS) -> None:
-    """All samples, however many are taken at once."""
+    """Write all samples, in as many calls as the sink needs."""
     sink.open(points)
     rest = list(samples)
     while rest:
@@ -273,7 +273,7 @@ def test_a_sink_in_real_time_has_everything_at_the_end(tmp_path: Path) -> None:
 
 
 def test_a_run_does_not_start_without_its_files(tmp_path: Path) -> None:
-    """Each sink that cannot write is named with its place; the files of the others are left for another run."""
+    """Each sink that cannot write is reported with its place; the files of the others are left for another run."""
     (tmp_path / "taken").write_text("")
     (tmp_path / "folder").mkdir()
     (tmp_path / "text.db").write_text("no database\n" * 100)
@@ -298,7 +298,7 @@ def test_a_run_does_not_start_without_its_files(tmp_path: Path) -> None:
 
 
 def test_a_missing_folder_is_an_error_at_the_start(tmp_path: Path) -> None:
-    """It is not made: it may be the place of a disk that is not mounted."""
+    """The folder is not created: it may be the mount point of a disk."""
     path = run_file(tmp_path, "{csv: log/a.csv}", "{sqlite: log/a.db}", '{mqtt: "127.0.0.1:1", store: log/b.db}')
     run = VirtualRun(path)
     with pytest.raises(DefinitionError) as error:
@@ -396,7 +396,7 @@ def test_two_sinks_have_two_files(tmp_path: Path) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Remembered(SinkKind):
-    """Values that a test looks at."""
+    """A sink whose values the test inspects."""
 
     word: ClassVar[str] = "remembered"
     remembered: str = key("remembered", FILE, "Where they would go.")
@@ -412,7 +412,7 @@ class Remembered(SinkKind):
 
 
 class Remembering(Sink):
-    """Takes two samples at once; `on_write` may raise, or wait."""
+    """A sink that accepts two samples at once; `on_write` may raise or wait."""
 
     def __init__(self) -> None:
         self.taken: list[Sampled] = []

@@ -40,7 +40,7 @@ from framekit.run.points import PointValue
 
 CHANNELS, POINTS = 8, 5
 Histories = dict[str, list[int]]
-"""By point: the values, in the order in which they came."""
+"""Values by point, in order of arrival."""
 
 SINKS = """sinks:
   - {{csv: rows.csv, rotate: 1 MB}}
@@ -57,7 +57,7 @@ SINKS = """sinks:
 
 
 def serve(folder: Path, number: int) -> framekit.Server:
-    """A device that counts: by TCP, and every other one on a serial port (a pseudo terminal)."""
+    """Serve a device that counts: over TCP, every second device on a serial port (a pseudo-terminal)."""
     protocol, port = ("modbus-tcp", "tcp://127.0.0.1:0") if number % 2 else ("modbus-rtu", "pty:")
     lines = [f"device: d{number}", f"protocol: {protocol}", "station: 1", "behave:"]
     lines += [f'  "{40001 + 2 * point}": {{counter: 1, type: uint32, every: 200 ms}}' for point in range(POINTS)]
@@ -67,7 +67,7 @@ def serve(folder: Path, number: int) -> framekit.Server:
 
 
 def write_run(folder: Path, ports: dict[int, str], **places: object) -> Path:
-    """The run file: points that are read from servers on these ports, and sinks at these places."""
+    """Write a run file with points read from servers on these ports, and sinks at these places."""
     lines = ["run: soak", "channels:"]
     for number, port in ports.items():
         protocol = "modbus-tcp" if number % 2 else "modbus-rtu"
@@ -84,7 +84,7 @@ def write_run(folder: Path, ports: dict[int, str], **places: object) -> Path:
 
 
 def kept(rows: Iterable[tuple[str, object]]) -> Histories:
-    """The values of each point."""
+    """Return the values of each point."""
     found: Histories = defaultdict(list)
     for name, value in rows:
         found[name].append(int(str(value)))
@@ -92,7 +92,7 @@ def kept(rows: Iterable[tuple[str, object]]) -> Histories:
 
 
 def once(histories: Histories) -> Histories:
-    """The first time of each value."""
+    """Return the first occurrence of each value."""
     return {name: list(dict.fromkeys(values)) for name, values in histories.items()}
 
 
@@ -155,14 +155,14 @@ def in_metrics(listener: Listener) -> Histories:
 
 
 def shown_by_metrics(port: int) -> dict[str, float]:
-    """The values that Prometheus would fetch now."""
+    """Return the values that Prometheus would fetch now."""
     text = urlopen(f"http://127.0.0.1:{port}/metrics").read().decode()
     rows = re.findall(r'^framekit_point_value\{point="([^"]+)".*\} (\S+)$', text, re.MULTILINE)
     return {name: float(value) for name, value in rows}
 
 
 def shown_by_nodes(port: int, names: list[str]) -> dict[str, float]:
-    """The values of the variables of an OPC UA server."""
+    """Return the values of the variables of an OPC UA server."""
     found: dict[str, float] = {}
 
     async def read_all(client: Any) -> None:
@@ -174,7 +174,7 @@ def shown_by_nodes(port: int, names: list[str]) -> dict[str, float]:
 
 
 def soak(folder: Path, seconds: float, pause: float) -> Counter[str]:
-    """Runs so long, kills broker and database in turn with such pauses, and gives figures. Raises AssertionError."""
+    """Run for `seconds`, kill broker and database in turn after pauses, and return figures. Raises AssertionError."""
     figures: Counter[str] = Counter()
     with ExitStack() as stack:
         servers = {number: stack.enter_context(serve(folder, number)) for number in range(1, CHANNELS + 1)}

@@ -1,4 +1,4 @@
-"""An edge node of Sparkplug B, with Debian's mosquitto; payloads are read by a reader of protobuf of the test's own."""
+"""An edge node of Sparkplug B, with Debian's mosquitto; the test has a protobuf reader of its own for payloads."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from framekit.sinks.sparkplug import Metric, decoded, encoded
 
 
 def fields(data: bytes) -> Iterator[tuple[int, Any]]:
-    """The fields of a message as they travel (protobuf's description of its encoding)."""
+    """Return the fields of an encoded message (by protobuf's description of its encoding)."""
     at = 0
 
     def varint() -> int:
@@ -53,7 +53,7 @@ VALUES = {11: "long", 13: "double", 14: "boolean", 15: "string"}
 
 
 def read(payload: bytes) -> tuple[int | None, list[dict[str, Any]]]:
-    """The number of a payload, and its metrics."""
+    """Return the sequence number of a payload, and its metrics."""
     seq, metrics = None, []
     for number, value in fields(payload):
         if number == 3:

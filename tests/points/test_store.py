@@ -1,4 +1,4 @@
-"""What waits for a server: kept in a file, in order, bounded, and sent once it can be – also by the next process."""
+"""Values waiting for a server: stored in a file, in order, bounded, sent when possible – also by the next process."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def _add_for_ever(path: Path, told: int) -> NoReturn:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sent(NetworkSink):
-    """Values that a server of the test takes."""
+    """A sink whose server is the test."""
 
     word: ClassVar[str] = "sent"
     sent: str = key("sent", TEXT, "Where they would go.")

@@ -1,4 +1,4 @@
-"""A client and a device of every shipped protocol on a simulated line whose frames a fault plan damages."""
+"""A client and a device of every shipped protocol on a simulated line, with a fault plan for its frames."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SECOND = 1000 * MS
 
 @dataclass(frozen=True)
 class Link:
-    """A pair of roles of a protocol, and where in the device to read and write."""
+    """A pair of roles of a protocol, with the station and the address in the device."""
 
     protocol: str
     asking: str = "client"
@@ -44,7 +44,7 @@ class Link:
     service: str = ""
     """The service to call, for protocols without reads and writes by address."""
     count: int = 4
-    """How many values one exchange reads or writes."""
+    """Number of values that an exchange reads or writes."""
 
     def __str__(self) -> str:
         return f"{self.protocol}-{self.asking}"
@@ -124,13 +124,13 @@ class FaultWorld:
         return self.injector.injected + self.asking.injected
 
     def no_more(self) -> None:
-        """The faults are over."""
+        """End the faults."""
         assert self.injector is not None
         for injector in (self.injector, self.asking):
             injector.rules.clear()
 
     def exchange(self) -> str:
-        """Writes new values, or reads, or calls the service; how it ended."""
+        """Write new values, or read, or call the service; return the outcome."""
         done: list[TransferResult] = []
         while not self.driver.is_open:
             self.clock.run_for(100 * MS)

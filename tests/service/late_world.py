@@ -77,7 +77,7 @@ class Line:
 
 
 def registers(first: str) -> tuple[str, ...]:
-    """Return seven consecutive places: a number that shares no factor with the intervals of faults."""
+    """Return seven consecutive places; seven has no common factor with the intervals of faults."""
     stem = first.rstrip("0123456789")
     return tuple(f"{stem}{int(first[len(stem) :]) + at}" for at in range(7))
 

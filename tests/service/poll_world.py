@@ -1,4 +1,4 @@
-"""Polls on the virtual clock: a client on a port that a test plays by hand, or on a simulated line with a device."""
+"""Polls on the virtual clock: a client on a hand-played port, or on a simulated line with a device."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ class Asking:
         return polling, told
 
     def read(self, address: str, count: int = 1, *, station: Any) -> list[TransferResult]:
-        """Asks for a read; its end will be in the list."""
+        """Start a read; its result will be appended to the returned list."""
         ended: list[TransferResult] = []
         self.service.request(
             lambda client, now, done: client.read(address, station=station, count=count, now=now, on_done=done),
@@ -145,7 +145,7 @@ class ByHand(Asking):
 
     @property
     def asked(self) -> bytes:
-        """The last request."""
+        """Return the last request."""
         return self.port.written[-1]
 
     def reply(self) -> bytes:
@@ -160,7 +160,7 @@ class ByHand(Asking):
         return said
 
     def come(self, *pieces: bytes) -> None:
-        """Bytes come, a piece after the other."""
+        """Deliver bytes in pieces."""
         for piece in pieces:
             self.clock.run_for(1000)
             assert self.port.events is not None
@@ -171,7 +171,7 @@ class ByHand(Asking):
         self.come(self.reply())
 
     def put(self, *words: int) -> None:
-        """The device's registers from the first one on."""
+        """Set the device's registers from the first on."""
         self.memory.write("holding", "word", 0, words)
 
 
@@ -207,7 +207,7 @@ class OnLine(Asking):
         self.device.memory.write(place.area, place.unit, place.start, values, force=True)
 
     def until(self, happened: Any) -> None:
-        """Lets time pass until something has happened, an hour at most."""
+        """Advance time until a condition is true, an hour at most."""
         end = self.clock.now() + 3600 * SECOND
         while not happened() and self.clock.now() < end and self.clock.advance():
             pass

@@ -14,7 +14,7 @@ from framekit.transport.clock import Alarm, Callback, Handle, Lagging, LateAlarm
 from framekit.transport.port import PassingPort, Port
 
 Plan = Callable[[int], int]
-"""Returns for the number of an interaction how long the process stalls there (ns); 0: not at all."""
+"""A function from the number of an interaction to the duration of the stall there (ns); 0: no stall."""
 
 
 def once(number: int, duration: int) -> Plan:

@@ -42,14 +42,14 @@ WRONG: dict[str, bytes] = {
     "the request itself": crc("01 03 0000 0001"),
 }
 UNFIT = ("of too many registers", "of no register")
-"""Sound replies to something else: they fail at once, asking again would bring them again."""
+"""Valid replies to other requests: they fail at once, since repeating the request would return them again."""
 
 DAMAGED = ("short", "with a wrong check")
-"""The reply but for its check code: it leaves no open request, so the next reply needs no proof."""
+"""Replies with a wrong check code only: they close the request, so the next reply needs no confirmation."""
 
 
 class BadServer:
-    """Answers the first request with something else, all others as it should; `delay` for the first (ns)."""
+    """A server whose first reply is wrong, after `delay` ns; all other replies are right."""
 
     def __init__(self, line: SimulatedLine, clock: VirtualClock, first: bytes, delay: int) -> None:
         self.port, self.clock = line.port("server"), clock
@@ -78,7 +78,7 @@ class BadServer:
 
 
 def read_twice(first: bytes, delay: int, retries: int) -> tuple[list[Any], BadServer]:
-    """The results of two reads of a register, and the server."""
+    """Read a register twice; return the results and the server."""
     clock, settings = VirtualClock(), LineFormat(19200, parity="E")
     line = SimulatedLine(clock, settings)
     server = BadServer(line, clock, first, delay)

@@ -1,4 +1,4 @@
-"""Devices whose memory moves by itself: what each kind of behaviour does, on the virtual clock."""
+"""Devices with behaviours that change their memory: each kind of behaviour on the virtual clock."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ HEAD = "device: oven\nprotocol: modbus-tcp\nstation: 1\n"
 
 
 class World:
-    """A device at work on a clock of its own, without any line."""
+    """A running device on its own clock, without a line."""
 
     def __init__(self, folder: Path, text: str) -> None:
         file = folder / "oven.device.yaml"
@@ -177,7 +177,7 @@ def test_what_others_write_is_what_a_counter_goes_on_from_and_fractions_are_kept
 
 
 def test_what_goes_on_reads_what_the_others_were_before(made: Make) -> None:
-    """So a circle through it has one meaning, in whatever order the file names its members."""
+    """A counter reads the previous values of others, so a cycle through it does not depend on the order in the file."""
     lines = ['"40001": {counter: 1, name: a, start: 1}', '"40002": {counter: a, name: b}', '"40003": {follow: a + b}']
     found = []
     for order in (lines, lines[::-1]):
@@ -252,7 +252,7 @@ def test_each_station_behaves_and_a_second_protocol_shares_the_memory(tmp_path: 
 
 
 def test_a_served_device_behaves_before_anyone_has_connected(tmp_path: Path) -> None:
-    """Once for all connections; a client's writes and the behaviours meet in one memory."""
+    """Behaviours run once for all connections; they share the memory with the clients' writes."""
     file = tmp_path / "oven.device.yaml"
     file.write_text(
         HEAD + 'behave: {"40001": {counter: 1, every: 1 ms}, "40003": {follow: "1 // \'40004\'"}}\n', "utf-8"

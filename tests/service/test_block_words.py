@@ -47,7 +47,7 @@ class Bench:
         return counters.done, counters.failed
 
     def shown(self, number: int) -> tuple[int, int, int, int]:
-        """Pulses, STATUS, SVCCNT, ERRCNT."""
+        """Return pulses, STATUS, SVCCNT, ERRCNT."""
         flags, status, *counts = self.memory.read("L", "word", 625 + 6 * number, 6)
         return flags, status, counts[0] | counts[1] << 16, counts[2] | counts[3] << 16
 
@@ -116,7 +116,10 @@ def test_a_changed_station_word_redirects_the_next_exchange(tmp_path: Path) -> N
 
 
 def test_what_is_only_shown_is_put_back_at_the_next_exchange(tmp_path: Path) -> None:
-    """The address of a variable that the block lacks, and the size of a single variable; the station counts."""
+    """The address of a variable that the block lacks, and the size of a single variable, are restored.
+
+    The station has effect.
+    """
     bench = Bench(tmp_path, RUN.replace("STATUS", "yes"))
     shown = bench.memory.read("N", "word", 0, 41)
     assert shown[:3] == [1, int.from_bytes(b"40", "little"), int.from_bytes(b"00", "little")]
@@ -224,7 +227,7 @@ def address_words(text: str) -> list[int]:
 
 
 def test_an_address_in_memory_redirects_the_next_exchange(tmp_path: Path) -> None:
-    """Table 81 of the Snet guide: addresses of the other side and sizes change while the run goes on."""
+    """Table 81 of the Snet guide: peer addresses and sizes change while the run is active."""
     block = '{read: "40001", station: 1, into: M100, every: 1 s}'
     larger = '{read: "40001", station: 2, into: M110, count: 2, every: 1 s}'
     run = RUN.replace("STATUS", "yes").replace(block, larger)

@@ -1,4 +1,4 @@
-"""Arguments of calls that are no single values: lists of records and files, in runs and on the command line."""
+"""Arguments of calls that are not single values: lists of records and files, in runs and on the command line."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ POINTS = "[{selector: 8, offset: 4, length: 2}, {selector: 0x10, offset: 10, len
 
 
 def test_a_datagram_is_established_defined_and_updated_in_one_session(tmp_path: Path) -> None:
-    """A normal datagram lives as long as its session: all blocks of a channel share one."""
+    """A normal datagram exists as long as its session, which all blocks of a channel share."""
     service = at_work(
         tmp_path,
         run_text(

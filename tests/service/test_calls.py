@@ -54,7 +54,7 @@ class World:
         return memory.read(area, "word", first, count)
 
     def ends(self) -> dict[int, tuple[int, int, str]]:
-        """done, failed and last end of each block."""
+        """Return done, failed and last error of each block."""
         return {one.id: (one.done, one.failed, str(one.last_failure or "")) for one in self.service.status()}
 
 

@@ -212,7 +212,7 @@ def test_tshark_reads_it(tmp_path: Path) -> None:
 
 
 def test_functions_called_for_each_frame_of_a_capture(tmp_path: Path) -> None:
-    """Reading, scanning, decoding, and the fields as they are shown: 106 when records were scanned twice."""
+    """Reading, scanning, decoding and displaying the fields; the count was 106 when records were scanned twice."""
     protocol = load_protocol("modbus-rtu")
     codec, plain = compile_protocol(protocol), PlainValues(protocol)
     asked = codec.encode("request_adu", {"station": 1, "pdu": {"read_holding": {"address": 1, "count": 2}}})

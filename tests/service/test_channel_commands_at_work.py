@@ -1,4 +1,4 @@
-"""The channel commands as words of memory: a ladder program moves them there and lets them be carried out."""
+"""The channel commands as words of memory: a ladder program writes them there and starts their execution."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Ladder(Bench):
 
 
 def ladder(folder: Path, *records: list[int], more: str = "") -> Ladder:
-    """Records at R301, R401 …; a block for each, the first at once, the others when M1, M2 … comes on."""
+    """Write records to R301, R401 …, each with a block: the first starts at once, the others when M1, M2 … is set."""
     (folder / "far.device.yaml").write_text(FAR, encoding="utf-8")
     blocks, words = [], []
     for index, record in enumerate(records):
@@ -130,7 +130,7 @@ def test_the_eighteenth_command_of_a_scan_is_lost(tmp_path: Path) -> None:
 
 
 def test_another_protocol_on_the_channel(tmp_path: Path) -> None:
-    """The commands name registers as the other side's protocol writes them: here it has no %R."""
+    """The commands name registers in the notation of the peer's protocol, which has no %R here."""
     write_device(tmp_path, "other")
     at_work = ladder(tmp_path, READ)
     text = (tmp_path / "words.run.yaml").read_text(encoding="utf-8")

@@ -1,7 +1,7 @@
-"""How many byte codes an exchange of a READ block comes to in `framekit run`, from the reply to the next request.
+"""Number of byte codes of an exchange of a READ block in `framekit run`, from the reply to the next request.
 
-Byte codes do not depend on the machine. The clock stands still but for 0.1 ms an exchange, so that timers come as often
-as they do on a fast line.
+Byte codes do not depend on the machine. The clock advances by 0.1 ms per exchange only, so timers fire as often as on a
+fast line.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from framekit.transport.schemes import SCHEMES, Scheme
 
 MOST_WITHOUT_A_MONITOR = 3365
 MOST_WITH_A_MONITOR = 4620
-"""With the lines of frames and of changed values. These hold now; asyncio and its sockets take some 500 more on TCP."""
+"""With the lines of frames and of changed values. Both are current values; asyncio's sockets add about 500 on TCP."""
 
 RUN = """
 run: reads

@@ -1,4 +1,4 @@
-"""Command blocks in runs: faults, waiting, the copy of the words, the status word's place, loading, edits."""
+"""Command blocks in runs: faults, waiting, copying of the words, the place of the status word, loading, edits."""
 
 from __future__ import annotations
 

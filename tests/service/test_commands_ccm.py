@@ -1,4 +1,4 @@
-"""Commands 6001 to 6113 carried out against a simulated CCM slave: memory on both sides, status word, every refusal."""
+"""Commands 6001 to 6113 executed with a simulated CCM slave: memory on both sides, status word, every refusal."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import pytest
 from command_world import SECOND, CommandWorld
 
 LENGTH, PORT, VALUES = 0x0002, 0x0003, 0x0004
-"""Status words of the three errors whose numbers the manual does not show."""
+"""Status words of the three errors whose numbers are not in the manual."""
 
 
 def error(code: int) -> int:
-    """The status word of an error of the manual's table: its code in the high byte."""
+    """Return the status word of an error of the manual's table: its code is the high byte."""
     return code << 8 | 2
 
 
@@ -172,7 +172,7 @@ def test_the_target_judges_types_and_addresses(world: CommandWorld, words: list[
     ],
 )
 def test_headers_have_the_type_and_the_address_of_the_block(tmp_path: Path, words: list[int], header: str) -> None:
-    """Byte-oriented addresses of a Series One, Three or Five, and types that only other targets have."""
+    """Byte-oriented addresses of a Series One, Three or Five, and memory types of other targets."""
     seen: list[bytes] = []
     world = CommandWorld(tmp_path, "ccm", DEVICE, ", role: master, own: 1", lambda _, event: seen.append(event.raw))
     world.put("Q", 1, *[0] * 8)

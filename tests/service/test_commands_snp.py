@@ -1,4 +1,4 @@
-"""Commands 7000 to 7300 carried out against a simulated SNP slave: both memories, status words, every refusal."""
+"""Commands 7000 to 7300 executed with a simulated SNP slave: both memories, status words, every refusal."""
 
 from __future__ import annotations
 
@@ -254,13 +254,13 @@ def test_sessions(tmp_path: Path) -> None:
 
 
 def silent(which: str) -> str:
-    """The device, with frames of which none arrives."""
+    """Return the device with a fault that suppresses its frames."""
     return f"{DEVICE}faults: {{seed: 1, rules: [{{fault: no_reply{which}}}]}}\n"
 
 
 @pytest.mark.parametrize("which", [", from: 3 s", ", from: 3 s, frame: mailbox", ", frame: mailbox"])
 def test_a_command_without_timers_ends_by_its_own(tmp_path: Path, which: str) -> None:
-    """Silence after Attach, replies that never come, and no answer to Parameter Select: 30 s, then the next command."""
+    """Silence after Attach, missing replies, and no answer to Parameter Select: the command ends after 30 s."""
     world = CommandWorld(tmp_path, "snp", silent(which), ", params: {timeouts: none}")
     attached = world.do(*ATTACH)
     assert attached == (1 if "from" in which else 0x320C)
@@ -286,7 +286,7 @@ def test_the_time_limit_of_a_command_is_a_parameter(tmp_path: Path) -> None:
 
 
 def test_t2_stays_when_long_attach_switches_t3_off(tmp_path: Path) -> None:
-    """The manual's example: T2 2000, T3 0; then the slave falls silent."""
+    """The manual's example: T2 2000, T3 0; then the slave becomes silent."""
     world = CommandWorld(tmp_path, "snp", silent(", from: 3 s"))
     assert world.do(7300, *text_words("SNPID1"), R, 171, 5, 2000, 0, 100, 0, 10, 0, 256) == 1
     world.clock.run_for(3 * SECOND)

@@ -1,4 +1,4 @@
-"""Commands 7101 and 7102 carried out against simulated SNP-X slaves: both memories, status words, every refusal."""
+"""Commands 7101 and 7102 executed with simulated SNP-X slaves: both memories, status words, every refusal."""
 
 from __future__ import annotations
 

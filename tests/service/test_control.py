@@ -1,4 +1,4 @@
-"""Runs controlled by lines: blocks fired, disabled and enabled by hand, and lines that are refused with a sentence."""
+"""Runs controlled by lines: blocks started, disabled and enabled by hand, and refused lines with their messages."""
 
 from __future__ import annotations
 

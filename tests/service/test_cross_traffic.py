@@ -77,7 +77,10 @@ class Damage:
 
 @dataclass
 class Station:
-    """One end: its client asks the other without a pause, its server answers. `executed`: (source, number) in order."""
+    """A station: its client sends requests without pauses, its server answers.
+
+    `executed` lists (source, number) in order.
+    """
 
     number: int
     other: int

@@ -23,7 +23,7 @@ def test_transfers_up_to_2_kb(roles: tuple[str, str], count: int) -> None:
 @pytest.mark.parametrize("roles", ROLES)
 @pytest.mark.parametrize("count", TRANSFERS)
 def test_most_blocks_are_hit_and_most_transfers_succeed(roles: tuple[str, str], count: int) -> None:
-    """A whole block has 2,849 bits, so with one wrong bit in 3,000 more than half of them are refused at first."""
+    """A full block has 2,849 bits, so with one wrong bit in 3,000 more than half of the blocks are refused at first."""
     faults = Faults(bit_errors=1 / 3000, seed=5)
     counts = {"data_count": 30, "header_count": 30}
     there = TransferWorld("ccm", *roles, client_own=1, server_own=5, station=5, faults=faults, params=counts)

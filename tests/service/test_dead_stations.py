@@ -20,7 +20,7 @@ DEAD = 3
 
 
 def write_run(folder: Path) -> Path:
-    """64 blocks on eight channels with two stations each, all of them every second, a block of each to station 2."""
+    """Write a run of 64 blocks on eight channels, all once a second, one block of each channel with station 2."""
     for station in (1, 2):
         text = (
             f"device: d{station}\nprotocol: modbus-rtu\nstation: {station}\nmemory: {{set: {{40001: [{station}]}}}}\n"
@@ -46,7 +46,7 @@ def write_run(folder: Path) -> Path:
 
 @pytest.mark.long
 def test_with_one_dead_station_the_others_keep_their_rate(tmp_path: Path) -> None:
-    """It is dead from the start; its first failures, before it is known to be dead, count as well."""
+    """The station is dead from the start; the failures before its detection count as well."""
     seconds = 100
     clock = VirtualClock()
     service = RunService(load_run(write_run(tmp_path)), clock)
@@ -127,7 +127,10 @@ def three(folder: Path) -> Path:
 
 
 def test_with_the_defaults_a_dead_station_costs_its_neighbours_little(tmp_path: Path) -> None:
-    """A time-out takes 1 s, the wait for late replies up to 2 s; the blocks of the others are due every second."""
+    """A time-out takes 1 s, the wait for late replies up to 2 s.
+
+    The blocks of the other stations are due every second.
+    """
     clock = VirtualClock()
     ends: dict[int, list[int]] = {0: [], 1: [], 2: []}
     tries: list[int] = []
@@ -175,7 +178,7 @@ def test_a_station_that_comes_back_while_it_is_suspected(tmp_path: Path) -> None
 def test_a_dead_station_costs_its_neighbours_a_few_readings(
     protocol: str, address: str, retries: int, tmp_path: Path
 ) -> None:
-    """Three stations are read once a second. The wait for late replies of the dead station is for it alone."""
+    """Three stations are read once a second. The wait for late replies of the dead station delays only that station."""
     for number in (1, 2, 3):
         text = f"device: d{number}\nprotocol: {protocol}\nstation: {number}\n"
         (tmp_path / f"d{number}.device.yaml").write_text(text, encoding="utf-8")

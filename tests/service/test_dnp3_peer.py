@@ -20,7 +20,7 @@ pytest.importorskip("dnp3.outstation.tcp_runner", reason="dnp3py is not installe
 
 DEVICE = "device: peer\nprotocol: dnp3-link\nstation: 1024\n"
 READ_CLASS_0 = bytes.fromhex("C3 01 3C 01 06")
-"""A request of the application layer, which our link layer carries as bytes."""
+"""A request of the application layer; our link layer carries it as bytes."""
 
 
 def asking(number: int) -> None:
@@ -61,7 +61,7 @@ def test_its_outstation_is_asked() -> None:
 
 
 def test_its_frames_are_answered_by_a_simulated_outstation(tmp_path: Path) -> None:
-    """As its master would send them: its runner asks no link status, and sends no confirmed data."""
+    """The test sends the frames of its master, since its runner requests no link status and sends no confirmed data."""
     from dnp3.datalink.parser import FrameParser
 
     async def scenario() -> None:

@@ -1,4 +1,4 @@
-"""A driver on ports that say at once that everything has left."""
+"""A driver on ports that report at once that all bytes are transmitted."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def test_times_come_although_an_event_went_wrong(moment: FaultyMoment | None) ->
 
 
 class FailingPort(QuickPort):
-    """A port whose question for unread bytes fails at the numbers `fails`; at other numbers it returns `is_unread`."""
+    """A port whose query for unread bytes fails at the query numbers `fails`; it returns `is_unread` otherwise."""
 
     fails: tuple[int, ...] = ()
     is_unread = True
@@ -183,7 +183,7 @@ def test_a_port_that_fails_while_times_run_out_stops_no_time_limit(number: int) 
 
 
 class SendingEngine(FaultyEngine):
-    """Sends a byte each second."""
+    """An engine that sends a byte each second."""
 
     def tick(self, now: int) -> list[Command]:
         self.rung.append(now)

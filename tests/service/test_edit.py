@@ -34,7 +34,7 @@ blocks:
 
 
 class Bench:
-    """A run that goes on, its file, and everything seen on its lines."""
+    """A running run, its file, and all events on its lines."""
 
     def __init__(self, folder: Path) -> None:
         (folder / "one.device.yaml").write_text(ONE, encoding="utf-8")

@@ -30,15 +30,15 @@ SINGLE: dict[str, dict[str, Any]] = {
     "split": {},
     "disconnect": {},
 }
-"""Faults that are done to one frame."""
+"""Faults of a single frame."""
 
 HARMLESS = ("delay", "jitter", "split")
 LASTING: dict[str, dict[str, Any]] = {"noise": {"rate": 1 / 2000}, "stray": {"time": 200 * MS}, "echo": {"every": 5}}
 NEVER_SENT = {("wrong_station", "ccm-peer")}
-"""Frames that answer no enquiry between equals, so none of them names a station."""
+"""Faults without such frames: a reply to an enquiry between peers contains no station."""
 
 UNCHECKED = {("noise", "srtp-client")}
-"""Long frames without a check code: their data are only as good as the connection below, which does check them."""
+"""Long frames without a check code; their integrity depends on the underlying connection, which is checked."""
 
 
 def fits(kind: str, link: Link) -> bool:
@@ -47,7 +47,10 @@ def fits(kind: str, link: Link) -> bool:
 
 
 PLACES = (1, 2, 5)
-"""Which frame of the device is hit: each kind hits all of them, on different links, and so does each link."""
+"""Number of the affected frame of the device.
+
+Each kind of fault uses all of them, on different links, and so does each link.
+"""
 
 HITS = [(kind, link, PLACES[(at + number) % 3]) for at, kind in enumerate(SINGLE) for number, link in enumerate(LINKS)]
 
@@ -74,12 +77,12 @@ def test_one_frame_is_hit_and_the_next_exchange_succeeds(kind: str, link: Link, 
 
 
 def rule_for(kind: str, place: int) -> FaultRule:
-    """Once, at that frame that the device sends after the first second, in which links come up."""
+    """Return a rule for a single fault of the device's frame `place` after the first second, in which links come up."""
     return FaultRule(kind=kind, every=place, times=1, begin=SECOND, **SINGLE[kind])  # type: ignore[arg-type]
 
 
 def assert_shown(kind: str, world: FaultWorld, outcome: str) -> None:
-    """The counter of it has moved: bad frames, noise, repeats, reopenings; or the outcome says it."""
+    """Assert that the fault is visible: in a counter of bad frames, noise, repeats or reopenings, or in the outcome."""
     counters, seen = world.engine.counters, world.seen
     if kind == "wrong_check":
         assert counters.bad == 1

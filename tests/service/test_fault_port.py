@@ -34,7 +34,7 @@ class Events(PortEvents):
 
 
 class Recorder(Port):
-    """Takes 1 ms for everything that is written."""
+    """A port that takes 1 ms for each write."""
 
     name, settings, is_stream = "recorder", None, True
 
@@ -81,7 +81,7 @@ def sent(*rules: FaultRule) -> tuple[list[bytes], list[tuple[str, int]]]:
 
 
 def marks_of(marked: int, *rules: FaultRule) -> tuple[list[bytes], list[tuple[int, int]]]:
-    """What leaves when A and B are sent with a marked byte each, and which byte of which piece is marked."""
+    """Send A and B with a marked byte each; return the transmitted pieces, and the piece and offset of marked bytes."""
     clock = VirtualClock()
     protocol = load_protocol("modbus-rtu")
     frames = FrameFaults(protocol, compile_protocol(protocol), Scope(protocol, role="server"), answers=True)

@@ -31,7 +31,7 @@ def connected(number: int) -> Any:
 
 
 def answer(data: bytes) -> tuple[bytes, bytes]:
-    """End code and text of a response."""
+    """Return the end code and the text of a response."""
     frame = common.FinsResponseFrame()
     frame.from_bytes(data)
     return frame.end_code, frame.text

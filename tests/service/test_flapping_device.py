@@ -1,4 +1,4 @@
-"""A device that accepts connections and closes them, or sends no frames: few connections, and one row a point."""
+"""A device that closes connections after accepting them, or sends no frames: few connections, and one row per point."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def test_the_pauses_grow_until_a_good_frame_has_come(
 def test_a_connection_that_lasted_the_longest_pause_ends_the_back_off(
     closes: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A protocol may have no replies."""
+    """The connection counts although no reply arrived, since a protocol may have no replies."""
     world = Flapping(tmp_path, monkeypatch, closes=closes)
     world.run(60)
     assert world.pauses[:4] == ([2.5, 3.0, 4.0, 6.0] if closes < 8 else [9.5] * 4)
@@ -104,7 +104,7 @@ def test_a_connection_that_lasted_the_longest_pause_ends_the_back_off(
 
 @pytest.mark.parametrize("junk", [b"", JUNK])
 def test_a_point_that_stays_failed_is_one_row(junk: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The reason may change in its wording: a row needs another value or quality."""
+    """The wording of the reason may change; only another value or quality adds a row."""
     world = Flapping(tmp_path, monkeypatch, junk)
     world.run(60)
     assert [(one.name, one.quality) for one in world.rows] == [("a", "failed"), ("b", "failed")]

@@ -1,4 +1,4 @@
-"""A channel that hears noise without end leaves others, and those who want to stop, their turn: pieces are counted."""
+"""A channel with endless noise does not block other channels or signals: the handled pieces are counted."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from framekit.transport.clock import MOST, AsyncioClock, Callback, Turns
 
 LONGEST = 180
 FEW = 40
-"""Pieces of noise that may be dealt with before something else is; the flood has hundreds."""
+"""Most pieces of noise that may be handled before other work; the flood has hundreds."""
 
 RUN = """
 run: flooded
@@ -33,7 +33,7 @@ REPLY = bytes.fromhex("0001 0000 0005 01 03 02 1234")
 
 
 class Counted(Turns):
-    """Counts the pieces that connections take, and the most work of one turn."""
+    """Count the pieces that connections take, and the most work of a turn."""
 
     pieces = most = 0
 
@@ -47,7 +47,7 @@ class Counted(Turns):
 
 
 class Counting(AsyncioClock):
-    """Its turns are counted."""
+    """A clock whose turns are counted."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         super().__init__(loop)
@@ -118,7 +118,7 @@ def test_another_channel_and_a_signal_have_their_turn_while_noise_comes(tmp_path
 
 
 CROWD = 120
-"""So many clients send at once; the other channel waits for each of them about once, however much they send."""
+"""Number of clients that send at once; the other channel waits for each about once, however much they send."""
 
 ASKED = """
 run: crowded

@@ -1,4 +1,4 @@
-"""Numbers with a fraction: in the state of a simulated device, from there into the memory of a run, as defaults."""
+"""Numbers with a fraction: in the state of a simulated device, from there in the memory of a run, and as defaults."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def run_of(folder: Path, block: str) -> Path:
 
 
 def words_after(path: Path, first: int, count: int) -> tuple[list[int], str]:
-    """Words of the own memory after two seconds, and how the block failed last."""
+    """Return words of the own memory after two seconds, and the last error of the block."""
     clock = VirtualClock()
     service = RunService(load_run(path), clock)
     service.start()
@@ -80,7 +80,7 @@ def words_after(path: Path, first: int, count: int) -> tuple[list[int], str]:
 
 
 def words_of(*numbers: float) -> list[int]:
-    """Floating-point numbers of 32 bits in words, the low one first."""
+    """Return 32-bit floating-point numbers as words, the low word first."""
     data = struct.pack(f"<{len(numbers)}f", *numbers)
     return list(struct.unpack(f"<{2 * len(numbers)}H", data))
 

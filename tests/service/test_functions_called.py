@@ -1,4 +1,4 @@
-"""The byte codes of Python that a request and an exchange take; they do not depend on the machine."""
+"""The Python byte codes of a request and an exchange; they do not depend on the machine."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ MOST_SERVED_IN_MEMORY = 1980
 MOST_FOR_A_REQUEST = 2115
 MOST_FOR_A_READ = 2640
 MOST_FOR_A_READ_OVER_TCP = 3620
-"""Measured with Python 3.11, of the exchange with the fewest: clocks call something now and then.
+"""Measured with Python 3.11 for the cheapest exchange, since clocks make extra calls now and then.
 
-In memory: engine and server alone. A request and a read: with driver and clock. Over TCP: with asyncio too, in turns
-whose time stands still, because a traced read takes longer than a turn.
+In memory: engine and server alone. A request and a read: with driver and clock. Over TCP: also with asyncio, in turns
+without time limit, because a traced read takes longer than a turn.
 """
 
 pytestmark = pytest.mark.skipif(sys.version_info[:2] != (3, 11), reason="other versions have other byte codes")
@@ -57,7 +57,7 @@ def unused_definitions(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class HandPort(Port):
-    """A port whose other side is the test: everything leaves at once, and stands in `written`."""
+    """A port whose other side is the test: all writes are transmitted at once, and recorded in `written`."""
 
     name, settings, is_stream = "by hand", None, True
 
@@ -92,7 +92,7 @@ class HandPort(Port):
 
 
 def codes_of(action: Callable[[], Any]) -> int:
-    """Return how many byte codes of Python an action takes, without those of the test itself."""
+    """Return the number of Python byte codes of an action, without those of the test itself."""
     count = 0
 
     def note(frame: FrameType, event: str, argument: Any) -> Any:
@@ -209,7 +209,7 @@ def test_a_refusal_does_not_make_later_reads_slower() -> None:
 
 
 class Responder(threading.Thread):
-    """Answers reads of ten registers on a socket, in a thread that is not counted."""
+    """Answer reads of ten registers on a socket, in a thread that is not counted."""
 
     def __init__(self) -> None:
         super().__init__(daemon=True)
@@ -291,7 +291,7 @@ CODES_OF_A_READ = {
     "srtp": (("%R1", None, "client", None), 3950, 4910),
     "df1": (("N7:0", 1, "full", 0), 7610, 8690),
 }
-"""What holds now: place, station, role and own station; byte codes of the client and of the server for ten words."""
+"""Current values: place, station, role and own station; byte codes of client and server for ten words."""
 
 
 @pytest.mark.parametrize("name", CODES_OF_A_READ)
@@ -316,7 +316,7 @@ def test_a_read_between_a_client_and_a_server(name: str) -> None:
             )
 
         def read() -> tuple[int, int]:
-            """Return the byte codes of each side until neither has sent more."""
+            """Return the byte codes of each side until both have sent everything."""
             counts = [codes_of(ask), 0]
             while any(port.written for port in ports):
                 for side, other in ((1, 0), (0, 1)):

@@ -1,8 +1,7 @@
-"""The module guide's four examples for simulated hours: every count by arithmetic, every word of every memory.
+"""The module guide's four examples for simulated hours: all counts and all words of memories are computed.
 
-Long tests are three hours of the first two, and some minutes of the others, which poll more often.
-
-A program would set and clear the bits that start blocks; where an example needs that, the test does it.
+Long tests take three hours of the first two examples, and some minutes of the others, which poll more often. A program
+would set and clear the bits that start blocks; the test does it if an example needs that.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ SETTLE = SECOND // 2
 
 
 class Day:
-    """An example at work. Its counters are checked whenever time has passed."""
+    """A running example. Its counters are checked after every advance of time."""
 
     def __init__(self, name: str) -> None:
         self.clock = VirtualClock()
@@ -41,7 +40,7 @@ class Day:
             assert counters.running in (0, 1)
 
     def counts(self) -> dict[int, tuple[int, int, int, int]]:
-        """started, done, failed, overruns of each block."""
+        """Return started, done, failed, overruns of each block."""
         return {
             number: (state.started, state.done, state.failed, state.overruns)
             for number, state in self.service.states.items()
@@ -51,7 +50,7 @@ class Day:
         return next(device for device in self.service.devices if device.device.name == name)
 
     def own(self) -> dict[str, int]:
-        """The own memory without the bits that it sets by itself, and without the words of blocks."""
+        """Return the own memory without its system bits and the words of blocks."""
         return words(self.service.memory, "F", "L", "N")
 
     def check_status_words(self) -> None:
@@ -66,7 +65,7 @@ class Day:
 
 
 def words(memory: DeviceMemory, *without: str) -> dict[str, int]:
-    """Every word that is not 0, by area and number; areas of bits in words of 16."""
+    """Return every word that is not 0, by area and number; areas of bits in words of 16."""
     found = {}
     for area in memory:
         if area.name not in without:
@@ -97,7 +96,7 @@ def test_example_1_mldp_flags_set_once() -> None:
 
 @pytest.mark.parametrize("seconds", TIMES)
 def test_example_1_mldp_flags_every_minute(seconds: int) -> None:
-    """The program sets both bits at the begin of each minute and clears them half a minute later."""
+    """The program sets both bits at the start of each minute and clears them half a minute later."""
     day = Day("mldp-flags")
     memory, source = day.service.memory, day.device("mldp-station-2").memory
     for minute in range(seconds // 60):
@@ -156,7 +155,7 @@ def test_example_3_modbus_remote_io_for_four_minutes() -> None:
 
 
 def check_remote_io(seconds: int) -> None:
-    """Block 1 every 200 ms, the first time after 200 ms; every other block once."""
+    """Assert that block 1 runs every 200 ms, first after 200 ms, and every other block once."""
     day = Day("modbus-remote-io")
     day.run_for(seconds * SECOND)
     polls = seconds * SECOND // 200_000_000
@@ -185,7 +184,7 @@ def test_example_4_third_party_plc_for_ten_minutes() -> None:
 
 
 def check_third_party(seconds: int) -> None:
-    """A request at each rise of the 1 s clock, the first after 1 s; each is answered and confirmed."""
+    """Assert a request at each rise of the 1 s clock, the first after 1 s, each answered and confirmed."""
     day = Day("third-party-plc")
     day.run_for(seconds * SECOND)
     last = seconds - 1

@@ -1,4 +1,4 @@
-"""Channels that are opened when a job wants them: for hosts to which no channel of the run leads."""
+"""Channels that are opened on demand of a job, for hosts without a channel in the run."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ def test_a_host_of_the_opened_channel_is_the_jobs(tmp_path: Path) -> None:
 
 
 class ClosingPort:
-    """A port of another channel on the line, whose modem hangs up."""
+    """A port of another channel on the line whose modem is hanging up."""
 
     name = "closing"
 
@@ -159,7 +159,7 @@ class ClosingPort:
 
 @pytest.mark.parametrize("is_freed", [True, False])
 def test_a_job_waits_for_its_line_up_to_its_time_limit(is_freed: bool, tmp_path: Path) -> None:
-    """A modem hangs up on the line of the channel: the job was refused at once as not connected."""
+    """A modem is hanging up on the channel's line; without waiting, the job would be refused as not connected."""
     write_device(tmp_path, "far", "21, 22")
     channel = 'channels: {1: {port: "sim:far.device.yaml", protocol: modbus-tcp, station: 1, host: 3.0.0.2}}'
     text = HEAD.format(more="").replace("jobs:", f"{channel}\njobs:") + job(1, "3.0.0.2", once="yes", every="10 s")

@@ -1,4 +1,4 @@
-"""Jobs in run files: blocks establish, abort and inspect them; hosts are found by address and by name."""
+"""Jobs in run files: blocks establish, abort and inspect them; hosts are resolved by address and by name."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ LATE = 0x0290
 
 
 class Peer:
-    """Our server in a process of its own."""
+    """Our server in a separate process."""
 
     def __init__(self, folder: Path) -> None:
         self.file = folder / "peer.device.yaml"
@@ -49,7 +49,7 @@ class Peer:
         self.process: asyncio.subprocess.Process | None = None
 
     async def start(self) -> None:
-        """Serves, on the same port as before."""
+        """Start the server, on the same port as before."""
         self.process = await asyncio.create_subprocess_exec(
             sys.executable, "-m", "framekit.cli.main", "serve", str(self.file), "--quiet", "--json",
             "--port", f"tcp-listen://127.0.0.1:{self.port}", stdout=subprocess.PIPE,
@@ -65,7 +65,7 @@ class Peer:
 
 
 class Watched:
-    """A run on the loop's clock; `until` waits for what its memory shows, without looking again and again."""
+    """A run on the loop's clock; `until` waits for a condition on its memory without polling."""
 
     def __init__(self, path: Path) -> None:
         self.service = RunService(load_run(path), AsyncioClock(asyncio.get_running_loop()))
@@ -88,7 +88,7 @@ class Watched:
         self.service.memory.write(name[0], "bit", int(name[1:]) - 1, [value])
 
     def errors(self) -> list[int]:
-        """The error bits of the slots."""
+        """Return the error bits of the slots."""
         return self.service.memory.read("I", "bit", 32, 80)[17:49:2]
 
     def registers(self, first: int, count: int) -> list[int]:

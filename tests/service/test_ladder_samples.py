@@ -1,4 +1,4 @@
-"""The manual's ladder programs as runs, and each of the fifteen lessons the specification draws from them (4.5)."""
+"""The manual's ladder programs as runs, and the fifteen lessons that the specification draws from them (4.5)."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def change(path: Path, old: str, new: str) -> None:
 
 @pytest.fixture
 def one(folder: Path) -> Path:
-    """The folder with CHAN4 cut down to its first channel: quicker, where one is enough."""
+    """Reduce CHAN4 in the folder to its first channel, which is faster."""
     path = folder / "chan4.run.yaml"
     lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
     path.write_text("".join(line for line in lines if not line.startswith(("  2:", "  3:", "  4:"))), encoding="utf-8")
@@ -61,13 +61,13 @@ def one(folder: Path) -> Path:
 
 
 def slow(folder: Path, number: int, time: str, more: str = "") -> None:
-    """The PLC of this number answers late."""
+    """Make the PLC of this number answer late."""
     with (folder / f"plc-{number}.device.yaml").open("a", encoding="utf-8") as file:
         file.write(DELAY.format(time=time, more=more))
 
 
 class Sample(Bench):
-    """Bits by the names of the ladder program: I33 to I112 are status bits 1 to 80."""
+    """A bench with the bit names of the ladder program: I33 to I112 are status bits 1 to 80."""
 
     def bit(self, name: str) -> int:
         return self.memory.read(name[0], "bit", int(name[1:]) - 1, 1)[0]
@@ -80,7 +80,7 @@ class Sample(Bench):
         return self.words("R", number - 1, count)
 
     def edges(self, name: str) -> list[tuple[int, int]]:
-        """Gets (ms, value) of every change of a bit from here on."""
+        """Return a list that collects (ms, value) of every future change of a bit."""
         seen: list[tuple[int, int]] = []
         place = int(name[1:]) - 1
 
@@ -111,7 +111,7 @@ def test_a_read_and_a_write_take_turns(folder: Path) -> None:
 
 
 def test_the_connection_is_made_once(folder: Path) -> None:
-    """Lesson 13: single transfers one after the other keep their connection (spec 3.2)."""
+    """Lesson 13: consecutive single transfers share a connection (spec 3.2)."""
     connects: list[object] = []
     at_work = Sample(folder / "lanrdwt.run.yaml")
     engine = at_work.service.channels[1].engine
@@ -150,7 +150,7 @@ def test_a_full_queue_is_asked_again_after_a_pause(folder: Path) -> None:
 
 
 def test_a_full_queue_that_the_connection_does_not_repeat_is_retried_by_the_program(folder: Path) -> None:
-    """As 0007H: the program gives the same command again, by its next scan 10 ms later (lesson 7)."""
+    """As 0007H: the program repeats the same command at its next scan 10 ms later (lesson 7)."""
     with (folder / "plc-2.device.yaml").open("a", encoding="utf-8") as file:
         file.write(QUEUE_FULL)
     change(folder / "lanrdwt.run.yaml", "reply_timeout:", "busy_retries: 0, reply_timeout:")
@@ -186,7 +186,7 @@ def test_an_error_after_the_first_transfer_begins_the_job_again(folder: Path) ->
 
 
 def test_a_job_that_cannot_begin_stays_as_it_is(folder: Path) -> None:
-    """Lesson 8: wrong addresses and nodes that are not there are for a person to look at."""
+    """Lesson 8: wrong addresses and missing nodes need the attention of a person."""
     change(folder / "chan4.run.yaml", "host: 3.0.0.5, params", "host: 3.0.0.5, enabled: no, params")
     at_work = Sample(folder / "chan4.run.yaml")
     at_work.run(20_000)
@@ -274,7 +274,7 @@ def test_lesson_6_the_first_command_comes_two_seconds_after_the_start(one: Path)
 
 
 def test_lesson_7_a_retry_with_a_pause_and_a_limit(folder: Path) -> None:
-    """A clock bit of the memory makes the pause, `repeat` the limit; the sample has neither."""
+    """A clock bit of the memory gives the pause, `repeat` the limit; the sample program has neither."""
     path = folder / "chan4.run.yaml"
     change(path, "host: 3.0.0.5, params", "host: 3.0.0.5, enabled: no, params")
     again = """  14: {job: 4, read: "%R200", count: 10, into: R331, host: 3.0.0.5, every: 1 s, status: R4, when: S5,

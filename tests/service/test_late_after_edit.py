@@ -1,4 +1,4 @@
-"""A channel closes while a reply is late: the next channel on its line waits for the reply, whatever its number is."""
+"""A channel closes while a reply is late: the next channel on its line waits for the reply, for any channel number."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Late, lost and glued replies on a line: no value is ever that of another request, and every exchange ends.
+"""Late, lost and glued replies on a line: no value belongs to another request, and every exchange ends.
 
-`FRAMEKIT_EXCHANGES` sets how many exchanges the long tests do with each protocol.
+`FRAMEKIT_EXCHANGES` sets the number of exchanges of the long tests per protocol.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from framekit.link.slow import WELL_TIME
 from framekit.run.model import FaultRule
 
 ALIKE = ("modbus-rtu", "modbus-ascii", "mldp", "ge-rtu", "registers")
-"""Replies that name no request. The last one is a definition of a user, on `standard`."""
+"""Protocols whose replies contain no request number. The last is a user's definition, on `standard`."""
 SIX = (*ALIKE, "modbus-tcp")
 MANY = int(os.environ.get("FRAMEKIT_EXCHANGES", "1000"))
 
@@ -33,7 +33,7 @@ PLANS: dict[str, tuple[tuple[FaultRule, ...], dict[str, Any]]] = {
     "no repeats, one of 100 glued to the next": ((GLUE,), SHORT),
 }
 USUAL = {"srtp": 5000, "snp": 10_000, "snp-x": 2500, "ccm": 800, "ccm-peer": 800, "df1": 3000, "df1-master": 3000}
-"""Time limits of the first replies of the procedures (ms)."""
+"""Time limits of the first replies in the procedures (ms)."""
 EXCHANGES = {"snp": 800, "snp-x": 1300}
 """Number of exchanges in which a value was wrong while only break and attach kept late replies away."""
 
@@ -64,7 +64,7 @@ def test_no_value_is_that_of_another_request(name: str, plan: str) -> None:
 
 @pytest.mark.parametrize("name", spread(ALIKE, 2))
 def test_late_lost_and_damaged_ones_together(name: str) -> None:
-    """Up to nearly two reply times late, on both sides of the line; a monitor looks on."""
+    """Delays of up to nearly two reply times, on both sides of the line, with a monitor."""
     rules = (
         FaultRule(kind="jitter", time=1900 * MS, rate=1 / 50),
         FaultRule(kind="no_reply", rate=1 / 100),
@@ -86,7 +86,10 @@ def test_procedures_of_their_own_store_nothing_wrong_either(name: str) -> None:
 
 
 def check_procedure(name: str, count: int) -> None:
-    """SNP and SNP-X wait and attach anew, DF1 and SRTP have numbers, CCM waits before another conversation."""
+    """Check a procedure.
+
+    SNP and SNP-X wait and attach again, DF1 and SRTP have numbers, CCM waits before the next conversation.
+    """
     time = USUAL[name] * MS
     rules = (
         FaultRule(kind="jitter", time=time * 19 // 10, rate=1 / 30),
@@ -108,7 +111,10 @@ KEPT = list(product(("modbus-rtu", "modbus-ascii", "mldp"), (0, 1, 2), (0.05, 0.
 def test_replies_that_are_kept_until_the_next_one(
     name: str, retries: int, rate: float, in_pieces: bool, loses: bool
 ) -> None:
-    """A client that makes a pause after a failure, longer than replies are waited for; whole replies, or bytes."""
+    """After a failure, the client pauses for longer than it waits for late replies.
+
+    Replies arrive whole or in bytes.
+    """
     rules = [FaultRule(kind="glue", rate=rate)]
     rules += [FaultRule(kind="no_reply", rate=0.1)] if loses else []
     rules += [FaultRule(kind="split", size=1)] if in_pieces else []
@@ -140,8 +146,10 @@ ILL = 10 * SECOND
 
 
 def slow_world(name: str, times: float, which: str, retries: int, overlapping: bool) -> LateWorld:
-    """A device all of whose replies are late, or one in ten, or those of the first 100 s, or those after 10 s. Either
-    each reply is late by itself, or the device does one request after the other."""
+    """Return a world in which all replies are late, or one in ten, or those of the first 100 s, or those after 10 s.
+
+    Either each reply is delayed independently, or the device handles one request after the other.
+    """
     late = int(times * USUAL.get(name, 1000)) * MS
     known = protocol_of(LINES[name].protocol).params
     given = {"retries": retries, "reply_timeout": 1000 * MS}
@@ -193,7 +201,7 @@ def check_all_late(world: LateWorld, name: str, times: float, which: str, retrie
 def test_replies_that_overtake_each_other_by_many_time_outs_stay_open_until_they_can_come_no_more(
     name: str, times: int
 ) -> None:
-    """Repeated requests, one reply in ten late: a short silence is no sign that the open replies are lost."""
+    """Requests are repeated, one reply in ten is late: a short silence does not show that the open replies are lost."""
     random = Random(3)
     world = LateWorld(
         name, lateness=lambda now: times * SECOND if random.random() < 0.1 else 0, retries=2, reply_timeout=SECOND
@@ -241,7 +249,7 @@ def test_the_time_after_which_a_station_answers_is_reported(
 @pytest.mark.long
 @pytest.mark.parametrize("name", ALIKE)
 def test_no_reply_of_a_slow_device_is_stored_for_another_request_in_many(name: str) -> None:
-    """One row in three of the matrix, each protocol others; all of them if `FRAMEKIT_EXCHANGES` says how many."""
+    """One row in three of the matrix, different rows for each protocol; all rows if `FRAMEKIT_EXCHANGES` is set."""
     rows = [row for row in SLOW if row[0] == name]
     if "FRAMEKIT_EXCHANGES" not in os.environ:
         rows = rows[ALIKE.index(name) % 3 :: 3]
@@ -252,7 +260,7 @@ def test_no_reply_of_a_slow_device_is_stored_for_another_request_in_many(name: s
 @pytest.mark.long
 @pytest.mark.parametrize("name", SIX)
 def test_no_value_is_that_of_another_request_in_many(name: str) -> None:
-    """Two of five exchanges with late replies, one with glued ones, two with a short time-out and no repeats."""
+    """Two fifths of the exchanges have late replies, one fifth glued, two fifths a short time-out without retries."""
     for plan, fifths in zip(PLANS, (2, 1, 2), strict=False):
         check(world_of(name, plan), MANY * fifths // 5)
 
@@ -265,7 +273,7 @@ def test_procedures_of_their_own_store_nothing_wrong_in_many(name: str) -> None:
 
 @pytest.mark.parametrize(("name", "retries", "sent"), [("modbus-rtu", 0, 1), ("mldp", 0, 1), ("mldp", 2, 2)])
 def test_a_write_is_sent_once_where_retries_are_0(name: str, retries: int, sent: int) -> None:
-    """Also while replies to earlier writes may still come: it waits until none of them is expected."""
+    """Also while replies to earlier writes may still arrive: the write waits until none is expected."""
     lost = FaultRule(kind="no_reply", begin=2 * SECOND, end=6 * SECOND)
     world = LateWorld(name, lost, watched=True, retries=retries, reply_timeout=SECOND)
     world.clock.run_until(3 * SECOND)
@@ -279,10 +287,10 @@ def test_a_write_is_sent_once_where_retries_are_0(name: str, retries: int, sent:
 
 
 SLOW_PROCEDURES = {"snp": (2, 55), "snp-x": (2.5, 50), "ccm": (0.8, 16), "ccm-peer": (0.8, 16)}
-"""The time limit of a reply, and the greatest lateness (s).
+"""The time limit of a reply, and the greatest delay (s).
 
 20 time limits, but less than 60 s, the age at which open requests are dropped: SNP waits 10 s for the first reply of a
-session, and 20 times that is not promised.
+session, and 20 times that is not guaranteed.
 """
 
 

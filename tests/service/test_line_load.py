@@ -1,4 +1,4 @@
-"""The load of a line, from the bytes a driver counts."""
+"""The load of a line, computed from the bytes that a driver counts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lines as runs and clients have them: RS-485 with an echo, time-outs, remote ports and UDP against real peers."""
+"""Lines of runs and clients: RS-485 with an echo, time-outs, remote ports and UDP with real peers."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ blocks: {0: {call: get, once: yes}}
 
 
 class HandMadeLoop:
-    """A loop whose time is made by the test; its timers come as late as the test says."""
+    """A loop whose time the test sets; its timers fire with a delay that the test sets."""
 
     def __init__(self, late: int) -> None:
         self.now = 0
@@ -161,7 +161,7 @@ class HandMadeLoop:
 def test_in_real_time_too_no_time_ends_while_the_frame_that_should_stop_it_arrives(
     late: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The reply takes 284 ms on the line, a reply time lasts 100 ms and ends with the first character."""
+    """The reply takes 284 ms on the line; a reply time of 100 ms ends with the first character."""
     (tmp_path / "long.yaml").write_text(LONG, "utf-8")
     (tmp_path / "long.device.yaml").write_text("device: d\nprotocol: long\n", "utf-8")
     (tmp_path / "x.run.yaml").write_text(LONG_RUN, "utf-8")
@@ -180,7 +180,7 @@ def test_in_real_time_too_no_time_ends_while_the_frame_that_should_stop_it_arriv
 
 
 class TerminalDevice(serial.Serial):  # type: ignore[misc]  # it has no types
-    """A pseudo-terminal for programs that want modem lines."""
+    """A pseudo-terminal for programs that need modem lines."""
 
     cts = dsr = ri = cd = property(lambda self: True)
 
@@ -196,7 +196,7 @@ class TerminalDevice(serial.Serial):  # type: ignore[misc]  # it has no types
 
 @contextmanager
 def rfc2217_server(path: str) -> Iterator[tuple[int, list[Any]]]:
-    """A server of pyserial's library for one connection, before the device at `path`; its settings are noted."""
+    """Run a server of pyserial's library for one connection, with the device at `path`; record its settings."""
     device = TerminalDevice(path, timeout=0.01)
     noted: list[Any] = []
     stop = threading.Event()

@@ -78,7 +78,7 @@ def test_bad_loops(fault: Callable[[Transmission], None], problems: list[str]) -
 
 
 def test_a_line_slower_than_set() -> None:
-    """It takes 1.3 s instead of 0.3: the wait ends before everything is back."""
+    """The loop takes 1.3 s instead of 0.3 s: the wait ends before all bytes are back."""
     (result,) = trial(slow)
     assert not result.passed
     assert "missing" in result.problems[0]

@@ -1,4 +1,4 @@
-"""Sessions with acknowledged messages, and short ones without, on the bit-exact line at 19200, whole and damaged."""
+"""Sessions with acknowledged messages, and sessions without, on the bit-exact line at 19200 baud, whole and damaged."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_transfers_up_to_2_kb(protocol: str, count: int) -> None:
 
 @pytest.mark.parametrize("count", TRANSFERS)
 def test_messages_are_hit_and_most_transfers_succeed(count: int) -> None:
-    """A message of 208 characters has 2,288 bits: with one wrong bit in 3,000 every second one comes damaged."""
+    """A message of 208 characters has 2,288 bits: with one wrong bit in 3,000, every second message is damaged."""
     there = world("snp", Faults(bit_errors=1 / 3000, seed=5), own_data_size=200, retries=8)
     there.mixed(count, PLACES, longest=1024)
     assert there.wrong == []
@@ -54,7 +54,7 @@ def test_short_messages_are_never_repeated_and_never_wrong() -> None:
 
 
 class Bench:
-    """A master that asks for services, and a slave whose state can be looked at and set."""
+    """A master that calls services, and a slave with accessible state."""
 
     def __init__(self, **params: Any) -> None:
         self.world = world("snp", **params)
@@ -183,7 +183,7 @@ def test_task_and_block_memory_of_the_large_family() -> None:
 @pytest.mark.parametrize("protocol", STATIONS)
 @pytest.mark.parametrize("area", ["I", "Q", "T", "M", "SA", "SB", "SC", "G"])
 def test_points_bytes_and_masks(protocol: str, area: str) -> None:
-    """Points that begin and end no byte are written alone; the same memory as bytes."""
+    """Points that are not aligned to bytes are written separately; the same memory is read as bytes."""
     there = world(protocol)
 
     def done(method: Any, *arguments: Any, **options: Any) -> TransferResult:

@@ -24,7 +24,7 @@ RTU = "device: rtu\nprotocol: ge-rtu\nstation: 1\nparams: {cpu_code: 36}\n"
 
 
 def called(folder: Path, capsys: pytest.CaptureFixture[str], *words: str, text: str = DEVICE, more: str = "") -> str:
-    """What `framekit call` prints for a device file with this text."""
+    """Return the output of `framekit call` for a device file with this text."""
     (folder / "one.device.yaml").write_text(text, encoding="utf-8")
     protocol, station = ("ge-rtu", "1") if text is RTU else ("snp", "A1")
     port = f"sim:{folder / 'one.device.yaml'}"
@@ -77,7 +77,7 @@ def test_decode_names_major_and_minor_of_an_error_of_snp_x(capsys: pytest.Captur
 
 
 def error_nack() -> list[str]:
-    """A mailbox with the refusal 05F5 as hex pairs."""
+    """Return a mailbox with the refusal 05F5 as hex pairs."""
     nack = "1B 4D 00 00 00 00 00 00 02 D1 10 0A 00 00 10 3A 00 00 01 01 05 F5"
     data = bytes.fromhex(nack).ljust(34, b"\0") + bytes.fromhex("17 00 00 00 00")
     check = 0
@@ -160,7 +160,7 @@ def test_codes_of_attach(tmp_path: Path, fault: str, status: int) -> None:
 
 
 def test_a_reply_that_is_refused_twice(tmp_path: Path) -> None:
-    """The vectors have a buffer that does not come (2F0Ch), and one that is refused twice."""
+    """The manual's vectors have a missing buffer (2F0Ch), and a buffer that is refused twice."""
     world = CommandWorld(tmp_path, "snp", FAULTY.format(fault="wrong_check, frame: mailbox, from: 3 s", values="1, 2"))
     assert world.do(*ATTACH) == 1
     world.clock.run_for(3 * SECOND)

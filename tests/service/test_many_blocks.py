@@ -1,4 +1,4 @@
-"""64 blocks on eight channels in one run: every start by arithmetic, every value, and the load that was foreseen."""
+"""64 blocks on eight channels in one run: all starts and values are computed, and the predicted load is compared."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from framekit.transport.clock import VirtualClock
 SECOND = 1_000_000_000
 SECONDS = 6
 BLOCKS = 8
-"""So many blocks has a channel."""
+"""Number of blocks of a channel."""
 
 
 @dataclass(frozen=True)
 class Line:
-    """A channel: its settings, its device, and how element number `{}` of its device is written."""
+    """A channel: its settings, its device, and the address of element number `{}` of its device."""
 
     protocol: str
     settings: str
@@ -44,7 +44,7 @@ LINES = [
 
 
 def write_run(folder: Path) -> Path:
-    """Even blocks read three words, odd ones write two; each channel has cycles from 400 ms to 750 ms."""
+    """Write a run whose even blocks read three words and whose odd blocks write two; cycles are 400 ms to 750 ms."""
     channels, blocks = [], []
     for number, line in enumerate(LINES, 1):
         name = f"d{number}.device.yaml"

@@ -32,7 +32,7 @@ def drawn(random: Random, kind: str) -> Any:
 
 
 def values_of(random: Random, message: Any) -> dict[str, Any]:
-    """A value for each field, many of them 0, so that payloads are cut."""
+    """Return a value for each field, many of them 0, so payloads are shortened."""
     values: dict[str, Any] = {}
     for name, kind in zip(message.fieldnames, message.fieldtypes, strict=True):
         size = message.array_lengths[message.ordered_fieldnames.index(name)]
@@ -85,7 +85,7 @@ def test_every_message_both_ways(name: str) -> None:
 
 
 def test_heartbeats_over_udp(monkeypatch: pytest.MonkeyPatch) -> None:
-    """pymavlink's own connection takes framekit's heartbeat, and its answer is read."""
+    """pymavlink's own connection accepts framekit's heartbeat, and its answer is decoded."""
     monkeypatch.setenv("MAVLINK20", "1")
     from pymavlink import mavutil
 

@@ -98,7 +98,7 @@ def test_its_client(tmp_path: Path, protocol: str, kind: Any, code: str, series:
 
 
 def test_numbers_of_inputs_in_ascii_are_its_fault(tmp_path: Path) -> None:
-    """It writes the hexadecimal number of an input in decimal: X20 goes out as 000032."""
+    """A bug of pymcprotocol: it writes the hexadecimal number of an input in decimal, X20 as 000032."""
 
     def work(number: int) -> None:
         client = connected(pymcprotocol.Type3E, "ascii", "Q", number)

@@ -1,4 +1,4 @@
-"""Our client against a pymodbus server: RTU and ASCII over a pseudo-terminal, and TCP. Real ports, real time."""
+"""Our client with a pymodbus server: RTU and ASCII on a pseudo-terminal, and TCP. Real ports, real time."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ async def served(server: Any) -> AsyncIterator[None]:
 
 
 async def carry_out(path: Path, until: Callable[[RunService], bool]) -> RunService:
-    """Runs a run file until the condition holds; it is looked at whenever something goes over the line."""
+    """Run a run file until a condition is true, which is tested after every event on the line."""
     something = asyncio.Event()
     service = RunService(
         load_run(path), AsyncioClock(asyncio.get_running_loop()), lambda channel, seen: something.set()

@@ -36,7 +36,7 @@ def device_file(folder: Path, protocol: str) -> Path:
 
 @asynccontextmanager
 async def tcp_device(folder: Path) -> AsyncIterator[int]:
-    """The device for every connection; the port number it is reached at."""
+    """Serve the device for every connection; yield the port number."""
     serving = Serving(
         load_devices(device_file(folder, "modbus-tcp"), folder), AsyncioClock(asyncio.get_running_loop()), None
     )
@@ -48,7 +48,7 @@ async def tcp_device(folder: Path) -> AsyncIterator[int]:
 
 @asynccontextmanager
 async def pty_device(folder: Path, protocol: str) -> AsyncIterator[tuple[str, Serving]]:
-    """The path of the terminal at whose other end the device is: Snet's limits, stations 1 and 2."""
+    """Serve the device, with Snet's limits and stations 1 and 2, at a terminal; yield the path of the other end."""
     given = DeviceSettings(stations=("1", "2"), params={"limit_write_words": "120"})
     devices = load_devices(device_file(folder, protocol), folder, given)
     clock, line = AsyncioClock(asyncio.get_running_loop()), LineFormat(19200, parity="E")
@@ -105,7 +105,7 @@ def test_pymodbus_over_a_pty(tmp_path: Path, protocol: str, framer: FramerType) 
 
 
 def all_functions(instrument: minimalmodbus.Instrument) -> None:
-    """Every function of the Snet server, at its limits and beyond them."""
+    """Test every function of the Snet server, at its limits and beyond them."""
     assert instrument.read_registers(0, 3) == [100, 200, 300]
     assert instrument.read_registers(0, 1, functioncode=4) == [7]
     assert instrument.read_bits(0, 3, functioncode=1) == [1, 0, 1]

@@ -1,4 +1,4 @@
-"""The run of the page about lines with a scripted modem on a pseudo-terminal: it dials, exchanges data, hangs up."""
+"""The documentation's run with a scripted modem on a pseudo-terminal: it dials, exchanges data, hangs up."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Pump:
 
 
 class Telephone:
-    """A scripted modem at a pseudo-terminal."""
+    """A scripted modem on a pseudo-terminal."""
 
     def __init__(self, *calls: str, has_echo: bool, has_words: bool) -> None:
         self.cable = PtyMaster()
@@ -68,7 +68,7 @@ class Telephone:
 
 
 def made_quick(text: str, port: str) -> str:
-    """The example with this port and short pauses."""
+    """Return the example with this port and short pauses."""
     quick = "guard: 100 ms, pause: 50 ms, "
     changed = text.replace("/dev/ttyUSB0", port).replace("pause: 10 s, ", quick)
     assert quick in changed and port in changed
@@ -161,7 +161,7 @@ def test_an_edited_channel_dials_when_its_modem_has_hung_up(tmp_path: Path, capl
 
 
 def slow_example(port: str) -> str:
-    """The example with a guard time in which an edit fits."""
+    """Return the example with a guard time that is long enough for an edit."""
     return made_quick(EXAMPLE, port).replace("guard: 100 ms", "guard: 500 ms")
 
 

@@ -1,4 +1,4 @@
-"""Late replies that carry the number of their request: none is mistaken for another, and the advice is the same."""
+"""Late replies that contain the number of their request: none is confused with another, and the advice is the same."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_the_advice_is_that_of_replies_without_numbers(name: str, overlapping: b
 
 @pytest.mark.parametrize("name", NUMBERED)
 def test_a_late_reply_between_two_requests_is_shown_as_such(name: str) -> None:
-    """No run waits then, and the bytes of a reply may fit a request too."""
+    """No request is waiting then, and the bytes of a reply may also fit a request."""
     world = LateWorld(name, FaultRule(kind="delay", time=1500 * MS), watched=True, reply_timeout=SECOND)
     assert world.exchange() == "no_reply"
     world.seen.clear()
@@ -97,7 +97,7 @@ roles:
   client: {lanes: {main: {exchange: exchange}}}
   server: {lanes: {main: {listen: listen}}}
 """  # noqa: E501
-"""Its reply to a repeated request may be the reply to the first."""
+"""A protocol whose reply to a repeated request may be the reply to the first request."""
 
 
 class Asking:
@@ -200,7 +200,7 @@ roles: {client: {lanes: {main: {exchange: main}}}}
 
 @pytest.mark.parametrize("is_awaited", [True, False])
 def test_an_awaited_frame_with_the_number_of_an_overdue_request_is_handed_over(is_awaited: bool) -> None:
-    """It may come by itself. Without a RECEIVE block it is the late reply."""
+    """The frame may be unsolicited; without a RECEIVE block it is the late reply."""
     side = Side(COUNTED, "client")
     side.engine.reception.await_frames(["answer"] if is_awaited else [])
     side.ask()

@@ -60,7 +60,7 @@ def test_1c_frames_of_format_4(tmp_path: Path) -> None:
 
 
 def test_contacts_of_mewtocol(tmp_path: Path) -> None:
-    """Frames, contacts and refusals; its words have their bytes the other way round than the manual's example."""
+    """Frames, contacts and refusals; in its words, the bytes are swapped compared with the manual's example."""
 
     def work(number: int) -> None:
         kinds = omniplc.DataType

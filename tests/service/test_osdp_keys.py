@@ -1,4 +1,4 @@
-"""A key that KEYSET brings is that of the next channel, for framekit's client as for its simulated device."""
+"""A key sent by KEYSET is used for the next secure channel, by framekit's client and by its simulated device."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ pytest.importorskip("cryptography", reason="cryptography is not installed")
 OLD, NEW = bytes(range(0x40, 0x50)), bytes(range(16))
 DEVICE = f"device: reader\nprotocol: osdp\nstation: 5\nparams: {{scbk: {OLD.hex()}, answer_delay: 50 ms}}\n"
 TOO_SHORT = {"reply_timeout": "10 ms", "retries": 0}
-"""No reply of this device comes within this: the client gives its channel up."""
+"""No reply of this device arrives within this time, so the client gives its channel up."""
 
 
 def test_the_next_channel_of_a_client_has_the_new_key(tmp_path: Path) -> None:

@@ -46,7 +46,7 @@ class Panel:
         self.panel.add_device(self.bus, STATION, use_crc, secure)
 
     def seen(self, kind: str) -> bytes:
-        """The content of the next reply of a kind."""
+        """Return the content of the next reply of a kind."""
         while True:
             found = self.replies.get(timeout=20)
             if found.type.name == kind:
@@ -111,7 +111,10 @@ def setting_a_key(path: str) -> None:
 
 
 def test_its_panel_gives_a_new_reader_its_key(tmp_path: Path) -> None:
-    """A reader in install mode takes the default key; the panel opens a channel with it and sends the reader's own."""
+    """A reader in install mode accepts the default key.
+
+    The panel opens a channel with it and sends the reader's own key.
+    """
 
     async def scenario() -> None:
         text = DEVICE.format(key="00" * 16, identity=IDENTITY.hex(), more=", default_key: yes")

@@ -1,4 +1,4 @@
-"""A line on which a client hears its own requests: they are no replies, and the client says what to set."""
+"""A line on which a client receives its own requests: they are not replies, and the error message gives the setting."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ LINES = {
     "mldp": ("8N1", "D100"),
 }
 EQUAL = ("modbus-rtu", "modbus-ascii", "ge-rtu")
-"""The reply to a write of one register has the bytes of the request."""
+"""The reply to a write of one register equals the request."""
 
 
 WRITES_ONLY = """
@@ -50,7 +50,7 @@ services:
 
 
 class EchoWorld:
-    """A client on a line with an echo; `device`: its station 3 is there."""
+    """A client on a line with an echo; with `device`, station 3 is present."""
 
     def __init__(self, name: str, *, echo: bool = True, device: bool = False, exact: bool = True) -> None:
         format_, self.place = LINES.get(name, ("8E1", "P52"))
@@ -122,7 +122,7 @@ def test_the_rows_of_uss_take_no_echo_of_a_read_of_zero(exact: bool) -> None:
 
 @pytest.mark.parametrize("name", EQUAL)
 def test_a_reply_equal_to_its_request_is_proved_once_by_a_read(name: str) -> None:
-    """Until another reply has shown that the line has no echo."""
+    """Needed until another reply has shown that the line has no echo."""
     world = EchoWorld(name, echo=False, device=True, exact=False)
     received = world.service.engine.counters
     assert world.result("write", values=[5]).ok and received.received == 2

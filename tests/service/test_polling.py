@@ -129,7 +129,7 @@ def test_where_a_reply_takes_longer_the_next_read_begins_at_once() -> None:
 @WAYS
 @pytest.mark.parametrize("every", [0, 30 * MS, 3 * SECOND])
 def test_a_dead_line_is_not_asked_without_end(every: int, at_once: bool) -> None:
-    """No reply: the time limit of 1 s, and then a pause; the time between two reads counts from their beginning."""
+    """Without a reply: the time limit of 1 s, and then a pause; the interval of two reads counts from their starts."""
     world = ByHand("modbus-tcp", at_once=at_once)
     _, told = world.poll("40001", 1, station=1, every=every)
     for number in range(3):
@@ -177,7 +177,7 @@ def _wrong_number(reply: bytes) -> tuple[bytes, ...]:
 
 
 def _one_more(reply: bytes) -> tuple[bytes, ...]:
-    """A register more than was asked for, in a frame that is good."""
+    """Return a good frame with one register more than requested."""
     return (reply[:4] + (int.from_bytes(reply[4:6], "big") + 2).to_bytes(2, "big") + reply[6:8]
             + bytes([reply[8] + 2]) + reply[9:] + b"\xAB\xCD",)  # fmt: skip
 
@@ -386,7 +386,7 @@ def test_stopped_while_it_waits_for_its_time(at_once: bool) -> None:
 
 
 class StopsIn(Told):
-    """Stops its poll with the value, or the failure, of a certain number."""
+    """A recorder that stops its poll at the value or failure of this number."""
 
     polling: Polling
 

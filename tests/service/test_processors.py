@@ -1,4 +1,4 @@
-"""The processors of examples/df1 served and asked: each family by its own commands, three of them on one line."""
+"""The processors of examples/df1 served and queried: each family by its own commands, three of them on one line."""
 
 from __future__ import annotations
 

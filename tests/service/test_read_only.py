@@ -1,6 +1,6 @@
-"""Servers and runs that only read: the protocol refuses writes, and the reader refuses files that could write.
+"""Read-only servers and runs: the protocol refuses writes, and the reader refuses files that could write.
 
-And the log of who wrote what, where writes are allowed.
+With permitted writes, the log shows who wrote which values.
 """
 
 from __future__ import annotations
@@ -170,7 +170,7 @@ def note(states: States, channel: int, seen: framekit.Seen) -> None:
 
 
 def listening(states: States) -> None:
-    """Waits until channel 2 listens."""
+    """Wait until channel 2 listens."""
     while states.get(timeout=60) != (2, "open"):
         pass
 

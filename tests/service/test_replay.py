@@ -57,7 +57,7 @@ def replayed(**options: object) -> tuple[list[tuple[float, bytes]], Replay, list
 
 
 def test_at_the_times_it_was_sent() -> None:
-    """`third` was handed over while `second` went out: it follows it without a pause."""
+    """`third` was written during the transmission of `second`, so it follows without a pause."""
     heard, replay, ends = replayed()
     assert heard == [(0, b"first"), (1000, b"second"), (round(1000 + 6 * LINE.character_time / MS, 1), b"third")]
     assert ends == [""]

@@ -1,4 +1,4 @@
-"""Service requests on a connection: our client against our server, on virtual time and over real TCP."""
+"""Service requests over a connection: our client with our server, on virtual time and over real TCP."""
 
 from __future__ import annotations
 
@@ -182,7 +182,7 @@ def read_word(asking: Side, client: ServiceClient, results: dict[int, Any], numb
 
 
 def answer_to(request: bytes, value: int) -> bytes:
-    """The reply to a request for one word, with the numbers that stand in it."""
+    """Return the reply to a request for one word, with the numbers of the request."""
     header = b"\x03\0" + request[2:4] + bytes(26) + request[30:31]
     mailbox = b"\xd4" + request[36:40] + request[32:36] + b"\1\1\0\0" + value.to_bytes(2, "little")
     return (header + mailbox).ljust(56, b"\0")

@@ -16,7 +16,7 @@ SECOND = 1_000_000_000
 
 
 class Bench:
-    """A run of a file on a virtual clock, with everything seen on its lines."""
+    """A run of a file on a virtual clock, with all events on its lines."""
 
     def __init__(self, path: Path) -> None:
         self.clock = VirtualClock()

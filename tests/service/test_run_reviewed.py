@@ -48,7 +48,7 @@ def test_watchers_that_fail_disturb_no_exchange(tmp_path: Path, caplog: pytest.L
 
 
 def test_a_channel_that_is_switched_on_twice_goes_on(tmp_path: Path) -> None:
-    """Even while its request is on the line."""
+    """Also while its request is being transmitted."""
     clock = VirtualClock()
     service = RunService(load(tmp_path, TWO), clock)  # type: ignore[arg-type]
     service.start()

@@ -1,4 +1,4 @@
-"""Channels of a run in an answering role serve the run's own memory: several protocols look at the same words."""
+"""Channels of a run in an answering role serve the run's own memory: several protocols access the same words."""
 
 from __future__ import annotations
 

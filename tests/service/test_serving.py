@@ -1,4 +1,4 @@
-"""Devices that serve many connections, or several stations on one line; clients that behave badly."""
+"""Devices with many connections, or several stations on one line; misbehaving clients."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def run(scenario: Coroutine[Any, Any, None]) -> None:
 async def served(
     name: str = "modbus-tcp", limits: ConnectionLimits = DEFAULT_LIMITS, **settings: Any
 ) -> AsyncIterator[tuple[Serving, int]]:
-    """Devices listening on a port of this computer, and its number."""
+    """Serve devices on a port of this computer; yield its number."""
     settings.setdefault("initial", {"40001": "100,200,300"})
     devices = load_devices(name, HERE, DeviceSettings(**settings))
     serving = Serving(devices, AsyncioClock(asyncio.get_running_loop()), None, limits=limits)
@@ -54,14 +54,14 @@ def request(transaction: int, unit: int, pdu: str) -> bytes:
 
 
 async def reply_of(reader: asyncio.StreamReader) -> tuple[int, int, bytes]:
-    """Transaction, unit and PDU of the next reply."""
+    """Return transaction, unit and PDU of the next reply."""
     transaction, zero, length, unit = struct.unpack(">HHHB", await reader.readexactly(7))
     assert zero == 0
     return transaction, unit, await reader.readexactly(length - 1)
 
 
 async def asked(number: int, unit: int, pdu: str) -> bytes:
-    """The reply's PDU, over a connection of its own."""
+    """Return the reply's PDU, over a separate connection."""
     reader, writer = await asyncio.open_connection("127.0.0.1", number)
     writer.write(request(7, unit, pdu))
     transaction, there, reply = await reply_of(reader)
@@ -143,7 +143,7 @@ def test_one_address_has_only_so_many_connections() -> None:
 
 
 def test_a_connection_over_which_nothing_good_goes_is_closed() -> None:
-    """On simulated time: one asks every minute, one sends a byte of nonsense every minute, one is silent."""
+    """On simulated time: a client requests every minute, another sends an invalid byte, a third is silent."""
     clock = VirtualClock()
     devices = load_devices("modbus-rtu", HERE, DeviceSettings(initial={"40001": "100,200,300"}))
     serving = Serving(devices, clock, None)
@@ -364,7 +364,7 @@ MINUTE = 60_000_000_000
 
 
 def accepted(serving: Serving, clock: VirtualClock, name: str) -> Master:
-    """The other end of a simulated connection that is given to a serving as a listener gives one."""
+    """Return the other end of a simulated connection that the serving object has accepted."""
     line = SimulatedLine(clock, None)
     port: Any = line.port(name)
     port.host, port.ends_itself, port.opens_again = "elsewhere", True, False
@@ -373,7 +373,7 @@ def accepted(serving: Serving, clock: VirtualClock, name: str) -> Master:
 
 
 class Master:
-    """Bytes out and in on a simulated line."""
+    """Sender and recorder of bytes on a simulated line."""
 
     def __init__(self, line: SimulatedLine) -> None:
         self.port = line.port("master")

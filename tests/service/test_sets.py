@@ -1,4 +1,4 @@
-"""Parameter sets: blocks of one number in several sets, ends that count within a set, sets and channels on and off."""
+"""Parameter sets: blocks of one number in several sets, ends counted within a set, sets and channels on and off."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ sets:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_counters_add_up_whatever_is_switched(seed: int, tmp_path: Path, clock: VirtualClock) -> None:
-    """started = done + failed + running, of each block, and of a channel the sums of its blocks."""
+    """started = done + failed + running, for each block; for a channel, the sums of its blocks."""
     service, chance = started(tmp_path, BUSY, DEVICE, clock), random.Random(seed)
     actions = [
         lambda: service.enable_set(2, chance.random() < 0.6),

@@ -1,4 +1,4 @@
-"""Every shipped link procedure in one run, each on a channel of its own, all on one virtual clock."""
+"""Every shipped link procedure in one run, each on a channel of its own, on one virtual clock."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from framekit.transport.clock import VirtualClock
 MS = 1_000_000
 SECOND = 1_000_000_000
 EXCHANGES = ("read", "write", "send", "receive", "call")
-"""What exchanges something by itself: jobs do it when they have been begun."""
+"""Instructions that exchange frames by themselves; jobs only do so after they are established."""
 
 
 def costs(folder: Path, channel: str, *blocks: str) -> dict[int, Cost]:
@@ -51,7 +51,7 @@ def test_pause_and_answer_time_are_counted(tmp_path: Path) -> None:
 
 
 def test_measuring_logs_no_writes(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """A run with `--log info` measures its exchanges first: they write into no real device."""
+    """A run with `--log info` simulates its exchanges first: these write to no real device."""
     with caplog.at_level("INFO", "framekit"):
         found = costs(tmp_path, RTU, 'write: "40005", values: [0], once: yes')[0]
     assert found.frames == 2 and caplog.messages == []
@@ -75,7 +75,7 @@ def test_a_connection_has_only_the_answer_time(tmp_path: Path) -> None:
 
 
 def test_a_reply_that_is_due_does_not_count_for_the_next_block(tmp_path: Path) -> None:
-    """A frame sent by itself that a service asks with holds the line until its reply has come: here none does."""
+    """A frame that is the request of a service holds the line until its reply arrives; no reply is expected here."""
     (tmp_path / "registers.yaml").write_text(REGISTERS, encoding="utf-8")
     channel = "port: /dev/null, protocol: registers, speed: 19200, station: 1"
     send = "send: read, values: {station: 1, address: 1, count: 1}, every: 300 ms"
@@ -138,7 +138,7 @@ blocks:
 
 
 def test_the_run_does_what_was_foreseen(tmp_path: Path) -> None:
-    """Starts, missed cycles and the bytes on the line of an overloaded run, over 100 s."""
+    """Starts, missed cycles and transmitted bytes of an overloaded run, over 100 s."""
     (tmp_path / "there.device.yaml").write_text("device: there\nprotocol: modbus-rtu\nstation: 1\n", encoding="utf-8")
     path = tmp_path / "full.run.yaml"
     path.write_text(FULL, encoding="utf-8")

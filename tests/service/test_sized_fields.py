@@ -1,4 +1,4 @@
-"""Fields of SEND blocks whose size the block says: data side by side, sized by a parameter of the protocol."""
+"""Fields of SEND blocks whose size is given by the block: adjacent data, sized by a parameter of the protocol."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def written(folder: Path, blocks: str) -> Path:
 
 
 class Bench:
-    """A run that has begun, with the frames that it has sent."""
+    """A started run, with its transmitted frames."""
 
     def __init__(self, path: Path) -> None:
         self.frames: list[bytes] = []
@@ -78,7 +78,7 @@ FIRST_SIZE, SECOND_SIZE = 25, 30
 
 
 def test_settings_changed_in_memory_count_at_later_starts(tmp_path: Path) -> None:
-    """Each start reads the settings; the fields that an earlier start has read by are not used again."""
+    """Each start reads the settings; fields read by an earlier start are not used again."""
     block = "  0: {send: PAIR, data: {one: M0, two: M10}, size: {one: 6, two: 2}, every: 100 ms}\n"
     bench = Bench(written(tmp_path, block))
     memory = bench.service.memory

@@ -1,4 +1,4 @@
-"""A process that stood still says so, once."""
+"""A process that was suspended reports it, once."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ SECOND = 1_000_000_000
 
 
 class Suspended(VirtualClock):
-    """A clock whose process may stand still: the looks come as late as that."""
+    """A clock of a suspendable process: periodic checks are delayed by the suspension."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""SEND blocks that a bit of the memory makes due: whose turn it is, what their frames show, and how they count."""
+"""SEND blocks triggered by bits of the memory: their order, the content of their frames, and their counters."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Written(Port):
         return self.at_once
 
     def lose(self) -> None:
-        """The line goes away."""
+        """Lose the line."""
         self.inner.close()
         assert self.events is not None
         self.events.closed(self.clock.now(), "pulled out")
@@ -67,7 +67,7 @@ class Written(Port):
 
 
 class _SaysNothing:
-    """The events of a port, but for `sent`."""
+    """The events of a port, except `sent`."""
 
     def __init__(self, events: PortEvents) -> None:
         self.opened, self.received, self.closed = events.opened, events.received, events.closed
@@ -197,7 +197,7 @@ def test_a_port_that_is_lost_while_a_frame_leaves(tmp_path: Path, at_once: bool)
 
 @pytest.mark.parametrize("looked_at", [False, True], ids=["nothing looks at it", "a block waits for it"])
 def test_the_end_of_a_pulse_goes_first(tmp_path: Path, looked_at: bool) -> None:
-    """Words that no trigger watches are worked out when they are read, so they are right at each moment."""
+    """Words that no trigger watches are computed when they are read, so they are right at any time."""
     run = RUN.replace("F00091", "M00900")
     bench = Bench(tmp_path, at_once=True, run=run.replace("M00900", "L006550") if looked_at else run)
     bench.trigger()

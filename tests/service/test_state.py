@@ -34,7 +34,7 @@ blocks:
 
 
 class Bench:
-    """The run of a folder, started."""
+    """The started run of a folder."""
 
     def __init__(self, folder: Path, run: str = RUN) -> None:
         (folder / "one.device.yaml").write_text(DEVICE, encoding="utf-8")

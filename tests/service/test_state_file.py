@@ -56,7 +56,7 @@ def test_other_areas_may_be_kept_later(tmp_path: Path) -> None:
 
 
 def refused(path: Path, run: str = "plant", shape: tuple[tuple[str, str, int], ...] = SHAPE) -> str:
-    """The message; the file is left as it is."""
+    """Return the error message; assert that the file is unchanged."""
     before = path.read_bytes() if path.is_file() else b""
     with pytest.raises(StateError) as found:
         StateFile(path, run, shape)

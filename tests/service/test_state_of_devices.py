@@ -1,4 +1,4 @@
-"""Faults, passwords, identities and programs of simulated controllers: from device file, command line and program."""
+"""Faults, passwords, identities and programs of simulated controllers: from device file, command line and API."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ state: {cpu: {initial: {run_status: 2, major: 12, minor: 94, snp_id: A70}}}
 
 
 def opened(folder: Path, text: str, protocol: str, **settings: Any) -> framekit.Client:
-    """A client of a device file with this text."""
+    """Return a client of a device file with this text."""
     file = folder / "one.device.yaml"
     file.write_text(text, encoding="utf-8")
     return framekit.connect(protocol, f"sim:{file}", **settings)

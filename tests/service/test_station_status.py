@@ -1,4 +1,4 @@
-"""The status of a station: its last exchange decides whether it answers, whichever block that was of."""
+"""The status of a station: its last exchange decides whether it answers, independent of the block."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Protocols that no program of others speaks: a client on a real terminal asks a simulated device at its other end."""
+"""Protocols without an independent implementation: a client and a simulated device on a real terminal."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""tshark, a program written by others, reads what framekit builds: the fields of both are compared, good and damaged.
+"""tshark, an independent program, decodes frames built by framekit: good and damaged frames, compared field by field.
 
-All frames go into one capture and tshark runs once. Skipped only where the program is not installed.
+All frames go into one capture and tshark runs once. Skipped only if the program is not installed.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ FIELDS = {
 """Names of fields: framekit → tshark."""
 FAULTS = ("mstp.checksum.status", "dnp3.hdr.CRC.incorrect", "dnp3.data_chunk.CRC.incorrect")
 FIRST_DAMAGED = {"bacnet-mstp": 7, "dnp3-link": 10}
-"""Bytes from here on are damaged: with a wrong size, or another header of DNP3 on TCP, tshark reads something else."""
+"""First offset of damage: with a wrong size or another DNP3 header on TCP, tshark would decode another protocol."""
 PORTS = {"dnp3-link": 20000, "fins-tcp": 9600}
 
 
@@ -91,7 +91,7 @@ MADE = {"bacnet-mstp": frames_of_mstp, "dnp3-link": frames_of_dnp3, "fins-tcp": 
 
 
 def all_frames() -> list[Sent]:
-    """Frames of all protocols, each of those with a check code also with one byte damaged."""
+    """Return frames of all protocols; frames with a check code also with a damaged byte."""
     random, found = Random(17), list[Sent]()
     for protocol, make in MADE.items():
         codec = framekit.load(protocol)
@@ -123,7 +123,7 @@ def packet(protocol: str, data: bytes, number: int) -> bytes:
 
 
 def capture(frames: list[Sent]) -> bytes:
-    """A pcapng file with an interface for each link type."""
+    """Return a pcapng file with an interface for each link type."""
 
     def block(kind: int, content: bytes) -> bytes:
         content += bytes(-len(content) % 4)
@@ -141,7 +141,7 @@ def capture(frames: list[Sent]) -> bytes:
 
 @pytest.fixture(scope="module")
 def seen(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[Sent, dict[str, str]]]:
-    """Every frame with the fields that tshark finds in it, by tshark's names."""
+    """Return every frame with the fields that tshark finds in it, by tshark's names."""
     assert TSHARK is not None
     frames = all_frames()
     file: Path = tmp_path_factory.mktemp("capture") / "frames.pcapng"

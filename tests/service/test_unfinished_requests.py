@@ -1,4 +1,4 @@
-"""Stray bytes and frames that break off leave no idle server deaf: the next good request gets its reply."""
+"""After stray bytes and incomplete frames, an idle server still answers the next good request."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ INSTRUMENTS = (
 )
 ALL = (*LINKS, *SNP, *PLCS, *INSTRUMENTS)
 LATER = 900 * MS
-"""After less time than this clients usually ask again."""
+"""Time after which clients usually repeat a request."""
 
 WHOLE = {"ccm-peer": {b"\x05"}}
 """Stray bytes that form a request: bytes after them are answered by the protocol's rules, the next request as usual."""
@@ -61,12 +61,12 @@ class World(FaultWorld):
         self.read()
 
     def read(self) -> str:
-        """One read."""
+        """Read once; return the outcome."""
         self.number = 1
         return self.exchange()
 
     def stray(self, data: bytes, pause: int) -> None:
-        """Bytes that no client means, a while after all else, then silence."""
+        """Send stray bytes a second after the last frame, followed by silence."""
         self.clock.run_for(SECOND)
         while not self.driver.is_open:
             self.clock.run_for(SECOND)
@@ -74,8 +74,11 @@ class World(FaultWorld):
         self.clock.run_for(round(len(data) * self.line.character_time) + pause)
 
     def strays(self) -> list[bytes]:
-        """Each byte alone, and all that a frame of the client can break off to; of both every sixth, each protocol
-        others, and all that `some_strays` has."""
+        """Return single bytes and incomplete frames of the client.
+
+        It is every sixth of all single bytes and of all beginnings of frames, different ones for each protocol, and all
+        of `some_strays`.
+        """
         pieces = {data[:size] for data in self.sent for size in range(2, len(data))}
         every = [*(bytes([byte]) for byte in range(256)), *sorted(pieces)]
         first = ALL.index(self.link) % 6
@@ -99,11 +102,11 @@ def test_every_server_is_tried() -> None:
 
 
 SESSIONS = [link for link in ALL if link.format is None or link.protocol in ("snp", "snp-x")]
-"""An unfinished frame ends a session, or a connection, by the procedure itself; the next exchange opens it anew."""
+"""Links on which an unfinished frame ends the session or the connection; the next exchange opens it again."""
 
 OTHERS = [link for link in ALL if link not in SESSIONS]
 QUIET = [link for link in OTHERS if str(link) != "df1-master"]
-"""Their lines are quiet between exchanges; a DF1 master polls all the time."""
+"""Links that are silent between exchanges; a DF1 master polls all the time."""
 
 
 @pytest.mark.parametrize("link", spread(QUIET, 3), ids=str)

@@ -52,7 +52,7 @@ class AtOnce(Port):
 
 @pytest.fixture
 def served() -> AtOnce:
-    """A simulated Modbus device that has answered already."""
+    """Return a simulated Modbus device that has already answered."""
     clock = VirtualClock()
     port = AtOnce(clock)
     Serving(load_devices("modbus-tcp", Path()), clock, None).serve(port)
@@ -85,7 +85,7 @@ def test_a_served_read_takes_90_calls_at_most(served: AtOnce) -> None:
 
 @contextmanager
 def only_new_garbage() -> Iterator[None]:
-    """Hide the objects of earlier tests from the collector, some of which end with their threads."""
+    """Hide the objects of earlier tests, some of which are freed with their threads, from the collector."""
     gc.collect()
     gc.disable()
     gc.freeze()

@@ -1,4 +1,4 @@
-"""Certificates for tests, made anew in a folder: who signs, a server, a client; none is of any use elsewhere."""
+"""Certificates for tests, created in a folder: an authority, a server, a client; useless elsewhere."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ DAY = timedelta(days=1)
 
 
 class Authority:
-    """One that signs: its certificate is the file `ca`."""
+    """A certificate authority; its certificate is the file `ca`."""
 
     def __init__(self, folder: Path, name: str = "plant") -> None:
         self.folder = folder
@@ -39,7 +39,7 @@ class Authority:
     def issue(
         self, name: str, *, hosts: tuple[str, ...] = (), until: datetime = NOW + DAY, password: bytes | None = None
     ) -> tuple[Path, Path]:
-        """The files of a certificate for these hosts and addresses, and of its key."""
+        """Write a certificate for these hosts and addresses, and its key; return both files."""
         key = ec.generate_private_key(ec.SECP256R1())
         builder = self._builder(x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)]), key.public_key(), until)
         if hosts:

@@ -53,7 +53,7 @@ class Listener:
         return [now for event, now in self.events if event == "sent"]
 
     def characters(self) -> list[tuple[int, int]]:
-        """Every character and when it was complete, from what `received` promises: no pause inside of one event."""
+        """Return every character and its completion time; `received` guarantees no pause within an event."""
         step = self.port.line.character_time
         return [
             (now - (len(data) - 1 - index) * step, value) for now, data in self.data for index, value in enumerate(data)

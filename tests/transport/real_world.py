@@ -1,4 +1,4 @@
-"""Pairs of ports that are wired to each other, in real time: the ground of the behaviour every port has to show."""
+"""Pairs of connected ports, in real time, for testing the behaviour that every port must have."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from framekit.transport.simulated_line import SimulatedLine
 T = TypeVar("T")
 
 LONGEST = 180
-"""Seconds after which a test that waits for an event is broken off."""
+"""Seconds after which a test that waits for an event is aborted."""
 
 
 class PtyMaster(io.FileIO):
-    """The end of a pseudo-terminal that a test holds: read and written without a buffer.
+    """The test's end of a pseudo-terminal, unbuffered.
 
-    Programs may open the other end, `path`, and close it again; closing this end pulls it out.
+    Programs may open the other end, `path`, and close it again; closing this end unplugs it.
     """
 
     def __init__(self) -> None:
@@ -50,13 +50,13 @@ class PtyMaster(io.FileIO):
 
 
 def open_pty() -> tuple[str, PtyMaster]:
-    """A pseudo-terminal: the path that a program opens as its port, and the file at the other end."""
+    """Open a pseudo-terminal; return the path of the port for programs, and the file at the other end."""
     master = PtyMaster()
     return master.path, master
 
 
 class Waiting:
-    """Events of a port, to be awaited. `seen` keeps their kinds; `times` their times."""
+    """Awaitable events of a port. `seen` lists their kinds, `times` their times."""
 
     def __init__(self) -> None:
         self.queue: asyncio.Queue[tuple[str, Any]] = asyncio.Queue()
@@ -90,7 +90,7 @@ class Waiting:
         self._note("control", now, lines)
 
     async def until(self, kind: str) -> Any:
-        """The next event of a kind; those before it are passed over."""
+        """Return the next event of a kind; earlier events are skipped."""
         while True:
             found, value = await self.queue.get()
             if found == kind:
@@ -114,7 +114,7 @@ class Waiting:
 
 @dataclass
 class Pair:
-    """Two ports, open. `again` opens the left one anew and gives both; `pull` takes the left one's far end away."""
+    """Two open ports. `again` reopens the left port and returns both; `pull` unplugs the far end of the left port."""
 
     clock: AsyncioClock
     left: Port
@@ -224,13 +224,13 @@ PAIRS: dict[str, Callable[[], AbstractAsyncContextManager[Pair]]] = {
 
 
 def run(coroutine: Coroutine[Any, Any, T]) -> T:
-    """Carry a test out in the event loop that is chosen, with a limit on the whole; return its result."""
+    """Run a test in the selected event loop, with a limit on the whole; return its result."""
     with asyncio.Runner(loop_factory=new_event_loop) as runner:
         return runner.run(asyncio.wait_for(coroutine, LONGEST))
 
 
 def on_pair(kind: str, check: Callable[[Pair], Coroutine[Any, Any, None]]) -> None:
-    """Carries a check out on a pair, and closes both ports."""
+    """Run a check on a pair, and close both ports."""
 
     async def all_of_it() -> None:
         async with PAIRS[kind]() as pair:

@@ -14,7 +14,7 @@ SECOND = 1_000_000_000
 
 
 class Wire(SerialConnection):
-    """A device whose carrier a test switches."""
+    """A device whose carrier the test switches."""
 
     carrier: bool | None = False
     looks = 0
@@ -54,7 +54,7 @@ class Told:
 
 
 class WiredPort(SerialPort):
-    """A port on a device that is made by hand."""
+    """A port on a fake device."""
 
     def _connect(self, use: Any) -> SerialConnection:
         self.wire = Wire()

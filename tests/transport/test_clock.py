@@ -178,7 +178,7 @@ def test_real_time_calls_in_order_and_never_early() -> None:
 
 @pytest.mark.usefixtures("each_loop")
 def test_real_time_keeps_the_order_however_late_it_is() -> None:
-    """Times so near to each other that the loop finds many of them due at once, some asked for too late."""
+    """Times so close that many calls are due in one turn of the loop, some already overdue when scheduled."""
 
     async def check() -> list[int]:
         clock = AsyncioClock(asyncio.get_running_loop())
@@ -195,7 +195,7 @@ def test_real_time_keeps_the_order_however_late_it_is() -> None:
 
 
 class TickingLoop:
-    """A loop that rounds delays to whole milliseconds, as uvloop does, and notes them."""
+    """A loop that rounds delays to whole milliseconds, as uvloop does, and records them."""
 
     def __init__(self) -> None:
         self.delays: list[int] = []
@@ -241,7 +241,7 @@ def test_in_real_time_too_cancelled_calls_do_not_come_or_pile_up() -> None:
 
 
 async def taken(sizes: list[int], each: int = 0) -> list[list[int]]:
-    """Which pieces are dealt with in each turn of the loop, where one of them takes `each` ns."""
+    """Return the pieces handled in each turn of the loop if each takes `each` ns."""
     loop = asyncio.get_running_loop()
     time, found = [0], [[]]
     turns = Turns(loop, lambda: time[0])

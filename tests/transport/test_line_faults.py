@@ -1,4 +1,4 @@
-"""Faults: what parity notices, rates and seeds, and the single things that can be done to a transmission."""
+"""Faults: detection by parity, rates and seeds, and each single fault of a transmission."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def test_complete_by_and_complete_at_agree(data: bytes, pauses: list[tuple[int, 
 
 
 def heard(faults: Faults, text: str = "8N1", count: int = 200) -> World:
-    """What transmissions of 20 zeros become, a second apart."""
+    """Send transmissions of 20 zeros, one per second, with these faults."""
     world = World(2, text, fault=faults)
     for _ in range(count):
         world.ports[0].write(bytes(20))

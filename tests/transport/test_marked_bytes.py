@@ -1,4 +1,4 @@
-"""Damaged characters and breaks as a terminal marks them, on made-up streams and on a terminal that really marks."""
+"""Damaged characters and breaks as marked by a terminal, on invented streams and on a terminal that really marks."""
 
 from __future__ import annotations
 
@@ -82,7 +82,10 @@ def test_a_port_tells_of_damage_and_breaks_in_order(
     stream: list[tuple[int, bool]],
     expected: list[object],
 ) -> None:
-    """The terminal here is a pseudo-terminal: it is taken for a real one, and the marks are those it does not make."""
+    """A pseudo-terminal is treated as a real terminal.
+
+    The test writes the marks, which a pseudo-terminal does not make.
+    """
     counted = [DamageCounts(), added]
     monkeypatch.setattr(serial_port, "is_pseudo", lambda descriptor: False)
     monkeypatch.setattr(serial_port, "mark_damage", lambda descriptor: True)

@@ -35,7 +35,7 @@ class ModemEnd(PortEvents):
 
 
 class DtrPort(PassingPort):
-    """Notes the times at which DTR changes."""
+    """A port that records the times at which DTR changes."""
 
     def __init__(self, inner: Any, clock: VirtualClock) -> None:
         super().__init__(inner)

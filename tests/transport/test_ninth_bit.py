@@ -35,7 +35,7 @@ def real_clock() -> AsyncioClock:
 
 
 class Device(SerialConnection):
-    """Notes when bytes were handed over and the ninth bit was switched; its queue is always empty."""
+    """A device that records writes and switches of the ninth bit; its queue is always empty."""
 
     def __init__(self, clock: VirtualClock, has_bit_times: bool = True) -> None:
         self.clock = clock
@@ -70,7 +70,7 @@ class Sent(PortEvents):
 
 
 def port_on(device: Device, settings: LineFormat, monkeypatch: pytest.MonkeyPatch) -> tuple[SerialPort, Sent]:
-    """A serial port that has just been opened on a made-up device, at time 0."""
+    """Return a serial port just opened on a fake device, at time 0."""
     events = Sent()
     monkeypatch.setattr(SerialPort, "_connect", lambda self, use: device)
     port = SerialPort("made up", settings, device.clock)  # type: ignore[arg-type]
@@ -125,7 +125,7 @@ def test_without_a_ninth_bit_nothing_is_switched(
 
 
 class Terminal:
-    """A terminal's settings, as termios has them; `keeps`: the control flags its driver knows."""
+    """The settings of a terminal, as termios has them; `keeps`: the control flags that its driver supports."""
 
     def __init__(self, keeps: int = -1) -> None:
         self.attributes: list[Any] = [0, 0, termios.CS8, 0, 0, 0, [0] * 32]
@@ -238,7 +238,7 @@ def test_a_pseudo_terminal_has_no_ninth_bit() -> None:
 
 
 class Loop:
-    """What pyserial gives for a URL: notes the parity that each write goes out with."""
+    """A stand-in for pyserial's port of a URL: records the parity of each write."""
 
     noted: ClassVar[list[tuple[str, bytes]]] = []
     parity = "S"

@@ -1,4 +1,4 @@
-"""A kind of port that is defined here, outside of framekit: pipes inside of this process, `pipe:NAME`."""
+"""A kind of port defined outside of framekit: pipes within this process, `pipe:NAME`."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ PIPES = Scheme(form="pipe:NAME", open=open_pipe, listen=PipeListener)
 
 @pytest.fixture
 def pipes(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """The kind in the table, as a program would put it there."""
+    """Register the kind of port, as an extension program does."""
     monkeypatch.setitem(SCHEMES, "pipe", PIPES)
     yield
     assert not LISTENING, "whoever listened has stopped"

@@ -50,7 +50,7 @@ def test_a_pty_takes_any_speed_and_format(settings: LineFormat | None) -> None:
 
 
 def test_on_a_pty_bytes_are_sent_at_once() -> None:
-    """It has no bit times: at 50 bits a second this would take minutes."""
+    """A pseudo-terminal has no bit times: at 50 bits per second this would take minutes."""
 
     async def check() -> None:
         path, master = open_pty()
@@ -100,7 +100,7 @@ def test_a_pty_that_is_pulled_while_its_bytes_wait_for_their_turn(monkeypatch: p
 
 
 def test_a_port_whose_other_side_takes_nothing_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As with CTS off: what waits to be sent must not hold a channel up for ever."""
+    """As with CTS off: waiting bytes must not block a channel for ever."""
     monkeypatch.setattr(serial_port, "LONGEST_HOLD", 20_000_000)
 
     async def check() -> None:

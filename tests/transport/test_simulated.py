@@ -102,7 +102,10 @@ def test_a_transmission_is_one_event_when_nothing_else_happens() -> None:
 
 @pytest.mark.parametrize(("offset", "heard"), [(-1, 9), (0, 10), (1, 10)])
 def test_whatever_else_happens_finds_what_is_complete(offset: int, heard: int) -> None:
-    """A timer that runs out while characters arrive has to know of them: at its own time, those come first."""
+    """A timer that fires while characters arrive must see those received so far.
+
+    At equal times, characters come first.
+    """
     world = World()
     found: list[int] = []
     when = 10 * world.character + offset
@@ -149,7 +152,7 @@ SomeFaults = st.fixed_dictionaries({
 
 
 def hold_up(transmission: Transmission) -> None:
-    """Pauses in the middle, and a lost character."""
+    """Add pauses in the middle, and lose a character."""
     if len(transmission.data) > 4 and transmission.number % 2:
         transmission.pause(2, 3_000_000)
         lose(transmission, 3)

@@ -70,7 +70,7 @@ def client_of(listener: TlsListener, query: str) -> TlsPort:
 
 
 async def refusal(listener: TlsListener, query: str) -> str:
-    """Why a client is not connected, or not any more."""
+    """Return the reason for which a client is not connected or was disconnected."""
     events = Waiting()
     client_of(listener, query).open(events)
     while (event := await events.queue.get())[0] == "opened":
@@ -124,7 +124,7 @@ def test_a_name_is_checked_and_can_be_another_one_than_the_host(files: Certifica
 
 
 def test_the_common_name_of_a_certificate_proves_no_host(files: Certificates) -> None:
-    """Only the alternative names count, also where they hold an address and no name."""
+    """Only the alternative names count, also if they contain an address but no name."""
 
     async def check() -> None:
         listener, _ = await listener_with(files.listening(cert=files.by_address))

@@ -1,4 +1,4 @@
-"""Ports know whether bytes have arrived that the loop has not read: TCP, UDP, terminals, and devices of threads."""
+"""Ports report unread bytes that have arrived: TCP, UDP, terminals, and devices with threads."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from framekit.transport.unread import UnreadInput
 
 
 class Events(PortEvents):
-    """Notes when the port is open, and the received bytes."""
+    """Record the opening of the port, and the received bytes."""
 
     def __init__(self) -> None:
         self.is_open, self.has_all = asyncio.Event(), asyncio.Event()
@@ -94,7 +94,7 @@ def test_bytes_are_unread_until_the_loop_has_read_all_of_them(use: Callable[[], 
 
 @pytest.mark.parametrize("error", [OSError("not a socket"), ValueError("a negative file descriptor")])
 def test_bytes_are_unread_if_the_question_fails(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A read then reports the loss of the port."""
+    """A read then reports the lost port."""
 
     class Poll:
         def register(self, descriptor: int, events: int) -> None:
@@ -108,7 +108,7 @@ def test_bytes_are_unread_if_the_question_fails(error: Exception, monkeypatch: p
 
 
 class ThreadDevice:
-    """A device of pyserial without a descriptor: `read` ends when the test lets it end, and so does `in_waiting`."""
+    """A device of pyserial without a descriptor: the test decides when `read` and `in_waiting` return."""
 
     def __init__(self) -> None:
         self.reads, self.read_ends, self.asks, self.answers = (threading.Semaphore(0) for _ in range(4))

@@ -19,7 +19,7 @@ SECOND = 1000 * MS
 
 
 class Bench:
-    """A port with something around it, and a plain one at the other end of the line."""
+    """A wrapped port, and a plain port at the other end of the line."""
 
     def __init__(self, around: Callable[[Port, VirtualClock], Port], **line: object) -> None:
         self.clock = VirtualClock()
@@ -32,7 +32,7 @@ class Bench:
         self.clock.run_for(0)
 
     def rts_times(self, duration: int) -> list[tuple[int, bool]]:
-        """When RTS changed."""
+        """Return the times at which RTS changed."""
         found: list[tuple[int, bool]] = []
         end = self.clock.now() + duration
         while self.clock.now() < end:
