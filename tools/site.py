@@ -49,7 +49,7 @@ SECTIONS: dict[str, list[str]] = {
     ],
     "How it works": [
         "docs/architecture.md", "docs/receiver.md", "docs/performance.md", "docs/internals/performance.md",
-        "docs/internals/speed.md",
+        "docs/internals/frames.md", "docs/internals/receiver.md", "docs/internals/engine.md", "docs/internals/speed.md",
         "docs/internals/guess.md", "docs/internals/tests.md", "docs/extending.md",
         "docs/extending-ports.md", "docs/extending-values.md", "CONTRIBUTING.md",
     ],

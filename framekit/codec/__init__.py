@@ -1,1 +1,1 @@
-"""Codecs: check codes, number forms, and the two compilers that stand on one model."""
+"""Codecs: check codes, number forms, and the compiler of frames to Python."""

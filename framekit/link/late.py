@@ -1,4 +1,4 @@
-"""Keep a line in step: decide when a request may be sent, and whether a reply may be stored (docs/architecture.md).
+"""Keep a line in step: decide when a request may be sent, and whether a reply may be stored (docs/internals/engine.md).
 
 Most protocols give their replies no number, so a late reply looks like the reply to the next request. Every request
 that got no reply in time stays *open* until its reply comes or until no reply can come any more. The states:

@@ -1,1 +1,1 @@
-"""Readers of run, device, fault plan and job files: from YAML to the values that runs and servers work with."""
+"""Readers of run, device, fault plan and job files: from YAML to the values that runs work with."""
