@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[1]
 PICTURE = ROOT / "docs" / "images" / "layers.svg"
 WIDTH, BAR, GAP, EDGE = 920, 40, 8, 16
 NAME_WIDTH, BOX = 130, 22
-"""Pixels: width of the picture; height of a layer and of a gap, margin; width of a name; height of the box of an extra."""
+"""Pixels: width of the picture; height of a layer, of a gap, margin; width of a name; height of the box of an extra."""
 STYLE = """\
 .back { fill: #ffffff } .bar { fill: #eef2f7; stroke: #c3ccd8 } .extra { fill: #e3f1ea; stroke: #a9cdb9 }
 text { font-family: system-ui, "DejaVu Sans", sans-serif; font-size: 13px; fill: #1d2733 }
