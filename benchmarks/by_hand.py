@@ -29,14 +29,14 @@ class BadFrameError(ValueError):
 
 def decode_registers(data: bytes) -> Fields:
     try:
-        station, function, count = data[0], data[1], data[2]  # sooner than by a struct
+        station, function, count = data[0], data[1], data[2]  # faster than a struct
     except IndexError:
         raise BadFrameError("short") from None
     if function != 3:
         raise BadFrameError("function")
     if len(data) != count + 5:
         raise BadFrameError("length")
-    if crc(data):  # over a frame with its own code, low byte first, it is 0
+    if crc(data):  # the CRC of a frame including its own code, low byte first, is 0
         raise BadFrameError("check")
     return {"station": station, "pdu": {"read_holding_reply": {"function": 3, "bytes": count, "values": data[3:-2]}}}
 

@@ -30,7 +30,7 @@ def decode_typed_read(data: bytes) -> Fields:
         text = text.replace(b"\x10\x10", b"\x10")
     if not 6 <= len(text) <= 250:
         raise BadFrameError("length")
-    if arc(text + data[-3:]):  # over what it covers and itself, low byte first, it is 0
+    if arc(text + data[-3:]):  # the CRC of the covered bytes and the code, low byte first, is 0
         raise BadFrameError("check")
     dst, src, command, sts, tns = PACKET.unpack_from(text)
     if not command & 0x40 or sts == 0xF0:

@@ -137,7 +137,7 @@ class Subscriber:
 
     def _heard(self, client: Any, data: Any, message: Any) -> None:
         self.count += 1
-        if message.payload:  # nothing stands for a value that is not good
+        if message.payload:  # an empty payload is a value that is not good
             self.got.setdefault(message.topic, []).append(int(message.payload))
 
     def missing(self) -> int:

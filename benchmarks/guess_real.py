@@ -69,7 +69,7 @@ def mode_c(data: bytes, asked: bool) -> int:
 
 
 def osdp(data: bytes, asked: bool) -> int:
-    before = data[0] == 0xFF  # a mark that the line may have before a command
+    before = data[0] == 0xFF  # optional mark before a command
     return before + int.from_bytes(data[before + 2 : before + 4], "little")
 
 
@@ -171,7 +171,7 @@ def case_of(name: str, count: int, damage: random.Random | None = None) -> RealC
     ends = dict.fromkeys(streams, 0)
     every, spans = list[tuple[str, bytes]](), list[tuple[str, int, int]]()
     some, known = list[HeardBytes](), dict.fromkeys(streams, 0)
-    for chunk in chunks:  # a frame stands where its last byte came
+    for chunk in chunks:  # the offset of a frame is that of its last byte
         way = chunk.direction
         known[way] += len(chunk.data)
         if len(spans) < count:

@@ -262,7 +262,7 @@ def judged(case: Case) -> Marks:
     seconds = time.perf_counter() - began
     told = Counter(frame.data for frame in found.frames)
     wanted = Counter(case.good)
-    if case.made.framing in ("hdlc", "slip", "cobs"):  # whose the mark between two frames is, nothing tells
+    if case.made.framing in ("hdlc", "slip", "cobs"):  # a mark between two frames may belong to either
         mark = {"hdlc": b"~", "slip": b"\xc0", "cobs": b"\0"}[case.made.framing]
         told, wanted = (
             Counter({one.strip(mark): 0 for one in some}) + Counter(x.strip(mark) for x in some.elements())

@@ -23,7 +23,7 @@ settings.register_profile("short", deadline=None, max_examples=15)
 
 gc.set_threshold(
     100_000, 50, 100
-)  # thousands of tests keep much; looking through it over and over costs a fifth of the time
+)  # thousands of tests keep many objects; examining them again and again costs a fifth of the time
 
 codec.MOST_KEPT = library.MOST_KEPT = 512
 """Hundreds of small definitions are used between two tests of a shipped definition, which takes seconds to compile."""
@@ -62,7 +62,7 @@ def small_heap(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """
     unfreeze = gc.unfreeze
     gc.freeze()
-    monkeypatch.setattr(gc, "unfreeze", gc.freeze)  # what the test leaves out of them stays so until its end
+    monkeypatch.setattr(gc, "unfreeze", gc.freeze)  # objects that the test itself freezes stay frozen until its end
     yield
     unfreeze()
 

@@ -72,7 +72,7 @@ class Trial:
         for _ in range(MOST_REPAIRS):
             first, second = self.build(self.codec), self.build(self.reference)
             if isinstance(first, EncodeError) and "which ends it" in str(first):
-                return None  # the constructs try every place where a part may end: they read that, too
+                return None  # the construct codec tries every possible end, so it can decode this text
             if isinstance(first, EncodeError) or isinstance(second, EncodeError):
                 assert isinstance(first, EncodeError), f"only constructs refuse {self.values}: {second}"
                 if not isinstance(second, EncodeError):
@@ -137,7 +137,7 @@ class Trial:
         assert same(first, traced), f"{data.hex(' ')}: decoded {first}, traced {traced} {fault}"
         good, other = isinstance(first, dict), isinstance(second, dict)
         if good != other and "'unknown': {'data'" in str(first if good else second):
-            return  # bytes that are none of the frames inside are such bytes, or a fault, as far as their size is known
+            return  # unknown bytes of an inner frame may also be a fault, depending on their known size
         assert good == other, f"{data.hex(' ')}: {first} is not {second}"
         if good:
             assert same(first, second), data.hex(" ")
@@ -158,7 +158,7 @@ class Trial:
             return
         assert not data or whole == codec.QUIET or 0 < whole <= len(data), f"{data.hex(' ')} is measured as {whole}"
         if whole != len(data) or not data:
-            return  # ends by silence, or its data hold what looks like its end
+            return  # ends by silence, or its data contain an end mark
         seen = wanted = 0
         for have in range(len(data)):
             if have >= wanted:

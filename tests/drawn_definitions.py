@@ -540,7 +540,7 @@ def _items(
         return segment
     inside, inner = Scope(scope), {}
     if drawn.more and drawn.chance(0.3):
-        inside.sized.append(name)  # the items before this one
+        inside.sized.append(name)  # the earlier items
     if drawn.apart.random() < 0.3:
         inside.numbers += ["index", drawn.apart.choice(["last", "index"])]
     with drawn.scope_of_its_own():

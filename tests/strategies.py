@@ -42,10 +42,10 @@ def base_context(protocol: Protocol) -> dict[str, Any]:
         if parameter.secret and context.get(parameter.name) is None:
             context[parameter.name] = "A" if parameter.type == "text" else bytes(range(parameter.size or 16))
     for variable in protocol.state.values():
-        if variable.announced and variable.keys is not None:  # as if an earlier frame had announced it for every key
+        if variable.announced and variable.keys is not None:  # as if earlier frames had announced it for every key
             value = bytes(range(16)) if variable.type == "bytes" else 3
             context[variable.name] = RangeTable({}, ((*variable.keys, value),))
-    for _ in range(3):  # defaults may stand on other defaults
+    for _ in range(3):  # defaults may depend on other defaults
         items: list[Parameter | StateVariable] = [*protocol.params.values(), *protocol.state.values()]
         for item in items:
             if item.name not in context and not (isinstance(item, StateVariable) and item.keys):

@@ -120,7 +120,7 @@ class _Record:
             if not all(filling.is_there(other) for other in self.given):
                 del self.given[name]
         except (MissingName, Circular, *EVALUATION_ERRORS):
-            pass  # it depends on values that are still to come
+            pass  # it depends on values that are not drawn yet
 
     # ---- expressions --------------------------------------------------------------------------------------
 

@@ -75,7 +75,7 @@ async def recorded(path: Path, urls: list[str]) -> AsyncIterator[None]:
     await opened.wait()
     try:
         yield
-        await asyncio.sleep(0.2)  # for what is still on its way
+        await asyncio.sleep(0.2)  # for bytes in transit
     finally:
         recorder.stop()
     assert not recorder.problems, recorder.problems

@@ -128,7 +128,7 @@ def api(pages: Path) -> str:
     ]
     homes = {name: home for home, names in framekit._HOMES.items() for name in names}
     for name in sorted(framekit.__all__, key=str.lower):
-        hidden = name in ("connect", "serve")  # their arguments are those of aconnect and aserve
+        hidden = name in ("connect", "serve")  # they have the arguments of aconnect and aserve
         options = "\n    options: {show_signature: false}" if hidden else ""
         lines.append(f"::: framekit.{homes[name]}.{name}{options}")
     (pages / "api.md").write_text("\n\n".join(lines) + "\n", "utf-8")
@@ -168,7 +168,7 @@ def build(place: Path, with_diagrams: bool, progress: ProgressLine) -> int:
     lay_out(pages)
     drawn, api_page = gallery(pages), api(pages)
     extra = ["mermaid.min.js"] if with_diagrams and mermaid(pages) else []
-    for page in [] if extra else pages.glob("**/*.md"):  # else the theme would ask another server for the program
+    for page in [] if extra else pages.glob("**/*.md"):  # otherwise the theme loads it from another server
         page.write_text(page.read_text("utf-8").replace("```mermaid\n", "```text\n"), "utf-8")
     rest = {"nav": navigation(pages, drawn, api_page), "extra_javascript": extra}
     lines = [f"INHERIT: {ROOT / 'mkdocs.yml'}", f"docs_dir: {pages}", f"site_dir: {place / 'site'}"]

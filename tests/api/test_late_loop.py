@@ -39,7 +39,7 @@ def test_a_simulated_device_answers_in_time_however_late_the_loop_is(
         params = {"reply_timeout": "2 s", "retries": 0}
         async with framekit.aconnect("modbus-rtu", f"sim:{device}", station=7, params=params) as client:
             reading = asyncio.ensure_future(client.read("40001", 3))
-            asyncio.get_running_loop().call_later(0.001, hold_up)  # while the request is on the line
+            asyncio.get_running_loop().call_later(0.001, hold_up)  # during the transmission of the request
             return list(await reading)
 
     assert asyncio.run(check()) == [100, 200, 300]

@@ -126,7 +126,7 @@ def test_a_pseudo_terminal_has_the_same_path_after_each_start(tmp_path: Path) ->
             with framekit.connect("modbus-rtu", device.port, station=1) as client:
                 assert client.read("40001") == [value]
         assert not path.is_symlink()
-    path.symlink_to("/dev/pts/9999")  # of a program that was killed
+    path.symlink_to("/dev/pts/9999")  # of a killed program
     with framekit.serve("modbus-rtu", f"pty:{path}", station=1):
         assert os.readlink(path) != "/dev/pts/9999"
     path.write_text("a file of the user", encoding="utf-8")

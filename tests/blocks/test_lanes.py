@@ -273,7 +273,7 @@ def test_a_slow_station_waits_for_what_came_due_at_others() -> None:
     assert {number for number in order if number < 3} == {0, 1, 2}
     assert all(
         not (before < 3 and after < 3) for before, after in pairwise(order[1:])
-    )  # the first began before it was slow
+    )  # the first exchange began before the station was known to be slow
     assert order.count(3) > 20 and order.count(4) > 20
 
 

@@ -466,7 +466,7 @@ def test_completion_scripts(capsys: pytest.CaptureFixture[str], shell: str) -> N
     status, out, _ = call(capsys, "completion", shell)
     assert status == 0
     assert all(verb in out for verb in VERBS)
-    assert "retries" in out or shell == "tcsh"  # there are no options in that one
+    assert "retries" in out or shell == "tcsh"  # the completion of tcsh has no options
     assert len(out) < 200_000
 
 
@@ -486,7 +486,7 @@ def test_what_fish_completes(capsys: pytest.CaptureFixture[str], tmp_path: Path)
 def test_run_shows_what_a_protocol_publishes(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     protocol = (
         "protocol: counting\nextends: scale\nstate: {asked: {scope: line, type: u16, initial: 5, publish: yes},"
-        " weighed: {scope: device, type: u16, publish: yes}}\n"  # a client has no value of this one
+        " weighed: {scope: device, type: u16, publish: yes}}\n"  # a client has no value of a device variable
     )
     (tmp_path / "scale.yaml").write_text((EXAMPLES / "scale.yaml").read_text("utf-8"), "utf-8")
     (tmp_path / "counting.yaml").write_text(protocol, "utf-8")

@@ -25,10 +25,10 @@ IN_THE_TEST = {
 ONE_EXCHANGE = ("read", "write", "call", "scan")
 ENDLESS = ("edit", "serve", "monitor", "record", "run")
 STATUS = {
-    "framekit scan tcp://{host} modbus-tcp --hosts 10.0.0.0/28 --stations 1 --json": 3,  # nothing listens there
+    "framekit scan tcp://{host} modbus-tcp --hosts 10.0.0.0/28 --stations 1 --json": 3,  # a port without a listener
     "framekit fleet broker.local": 1,  # no broker is present
     "framekit fleet broker.local --watch --for 10s": 1,
-    "framekit record /dev/ttyUSB0 --try --speeds 9600,19200": 1,  # nothing is on that line
+    "framekit record /dev/ttyUSB0 --try --speeds 9600,19200": 1,  # a silent line
 }
 LINE = """run: line
 channels: {1: {port: "sim:remote-io-1.device.yaml", protocol: modbus-rtu, station: 1}}

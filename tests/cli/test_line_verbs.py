@@ -180,7 +180,7 @@ def test_monitor_hears_both_sides_and_captures(tmp_path: Path) -> None:
         assert (one.returncode, errors) == (0, "")
         os.set_blocking(other, False)
         with pytest.raises(BlockingIOError):
-            os.read(other, 1)  # it has sent nothing
+            os.read(other, 1)  # no byte was sent
         os.close(other)
     assert [(line["event"], line.get("frame"), line["result"]) for line in lines] == [
         ("frame", "request_adu", "modbus-rtu client"),

@@ -53,7 +53,7 @@ def test_a_frame_that_is_the_beginning_of_another_takes_it() -> None:
 @pytest.mark.parametrize(
     "rows",
     [
-        "{frame: fixed, then: again}; {frame: long, then: again}",  # now and then, not always
+        "{frame: fixed, then: again}; {frame: long, then: again}",  # the candidates compete at times, not always
         "{frame: long, when: own == 1, then: again}; {frame: fixed, then: again}",
         "{frame: other, then: again}; {frame: long, then: again}",
         "{frame: [long, other], then: again}",

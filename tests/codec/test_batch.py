@@ -55,7 +55,7 @@ CASES = [
     ("modbus-rtu", "request_adu", request),
     ("modbus-rtu", "reply_adu", reply),
     ("modbus-tcp", "request_adu", lambda choose: {**request(choose), "transaction": choose.randrange(65536)}),
-    ("third-party-plc", "WR.REQ", write),  # a check code in digits: one by one
+    ("third-party-plc", "WR.REQ", write),  # a check code in digits: decoded frame by frame
     ("mldp", "read_individual_reply", individual),
 ]
 

@@ -385,7 +385,7 @@ def test_a_parameter_called_type_hides_nothing() -> None:
     body = "{field: type, type: u8}, {count: n, type: u8, of: l}, {repeat: l, times: n, of: u16}, {data: d, size: rest}"
     name, source = BuilderModules(protocol_of(body)).source(["f"])
     names: dict[str, Any] = {"__name__": "alone", "ctx": {}, "EncodeError": EncodeError}
-    exec(compile(source, "alone", "exec"), names)  # without the encoder, which is for values that do not fit
+    exec(compile(source, "alone", "exec"), names)  # without the encoder, which handles values that do not fit
     assert names[name](type=1, l=[2, 3], d=b"d") == b"\1\2\0\2\0\3d"
 
 

@@ -171,7 +171,7 @@ def test_every_single_wrong_bit_is_a_bad_frame_that_shows_no_key(compiler: str) 
     names = {"k": SECRET}
     wire = codec.encode("f", {"iv": bytes(range(16)), "d": b"a reading"}, names)
     assert codec.decode("f", wire, names)["d"] == b"a reading"
-    for place in [*range(16), *range(17, len(wire))]:  # but for the length
+    for place in [*range(16), *range(17, len(wire))]:  # all bytes except the length
         damaged = bytearray(wire)
         damaged[place] ^= 1 << place % 8
         with pytest.raises(FrameError) as caught:

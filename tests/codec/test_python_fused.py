@@ -157,7 +157,7 @@ def test_a_frame_of_fixed_size_is_filled_up() -> None:
     both = Both(protocol_of(STATION, f"{INNER}, {SUM}", FIXED, keys="size: 12, fill: 20, "))
     assert pairs(both.protocol) == [("f", "x0")]
     assert both.compare("f", "x0")
-    assert not pairs(protocol_of(STATION, INNER, FIXED, LONG, keys="size: 12, "))  # their ends have to be found
+    assert not pairs(protocol_of(STATION, INNER, FIXED, LONG, keys="size: 12, "))  # their ends must be searched
 
 
 def test_the_longest_frame_is_not_longer() -> None:
@@ -175,7 +175,7 @@ def test_the_longest_frame_is_not_longer() -> None:
         (FIXED, "{field: a, type: u8}, ", f"{INNER}, {SUM}"),  # one name, two fields
         (FIXED, "{field: pdu_, type: u8, when: 1 == 1}, ", f"{INNER}, {SUM}"),  # no fixed place
         (FIXED, STATION, f"{INNER}, {{data: more, size: rest}}, {{check: sum8, over: pdu..here}}"),
-        (LONG, STATION, f"{INNER}, {{data: more, size: rest}}"),  # its end has to be found
+        (LONG, STATION, f"{INNER}, {{data: more, size: rest}}"),  # its end must be searched
         ("{group: inside, body: [{field: kind, type: u8, is: 1}, {check: sum8}]}", STATION, f"{INNER}, {SUM}"),
         (
             "{group: inside, body: [{field: kind, type: u8, is: 1}, {field: a, type: u8, when: kind == 1}]}",
@@ -183,7 +183,7 @@ def test_the_longest_frame_is_not_longer() -> None:
             f"{INNER}, {SUM}",
         ),
         (
-            "{group: inside, body: [{field: kind, type: u8, is: 1}, {require: station == 1}]}",  # not the field
+            "{group: inside, body: [{field: kind, type: u8, is: 1}, {require: station == 1}]}",  # a name outside
             STATION,
             f"{INNER}, {SUM}",
         ),

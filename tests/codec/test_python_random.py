@@ -36,7 +36,7 @@ def check_measuring(codec: Codec, data: bytes) -> None:
     """
     whole = codec.measure("f", data)
     if whole != len(data):
-        return  # ends by silence, or its data hold what looks like its end
+        return  # ends by silence, or its data contain an end mark
     seen = wanted = 0
     for have in range(len(data)):
         if have >= wanted:

@@ -140,7 +140,7 @@ def same_fault(both: Pair, frame: str, damaged: bytes, context: dict[str, Any]) 
     if one_frame is None:
         assert isinstance(one, tuple) == isinstance(other, tuple)
     else:
-        assert other == one or repr(other) == repr(one)  # no float that is none equals itself
+        assert other == one or repr(other) == repr(one)  # NaN does not equal itself
 
 
 # ---- damage -------------------------------------------------------------------------------------------------

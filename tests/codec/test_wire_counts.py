@@ -48,7 +48,7 @@ COUNTED = {
 
 
 def text_of(counted: str) -> str:
-    behind = "{field: z, type: u8, when: len(d) > 2}"  # so the end depends on what is counted
+    behind = "{field: z, type: u8, when: len(d) > 2}"  # the end of the frame depends on the counted data
     if any(one in counted for one in ("inner", "wrap", "field: d")):
         behind = "{const: 7E}"
     body = f"[{{const: 05}}, {{field: n, type: u32}}, {counted}, {behind}]"
@@ -77,7 +77,7 @@ def test_nothing_is_made_of_a_count_that_is_not_there(title: str) -> None:
     codec: Codec = compile_protocol(load_protocol_text(text, "counts"))
     data = b"\x05" + MANY.to_bytes(4, "big") + b"0123"
     reference = compile_construct(codec.protocol)
-    refused(lambda: codec.decode("f", data))  # what is made once is there now
+    refused(lambda: codec.decode("f", data))  # create everything that is created once
     for read in (
         lambda: refused(lambda: codec.decode("f", data)),
         lambda: codec.trace("f", data),

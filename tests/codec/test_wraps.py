@@ -75,7 +75,7 @@ def unstuffed(coding: Coding, wire: bytes) -> bytes:
         (SLIP, b"\x01\xc0\xdb\x02", "01 DB DC DB DD 02"),  # RFC 1055
         (HDLC, b"\x7e\x7d\x11\x41", "7D 5E 7D 5D 7D 31 41"),  # RFC 1662, 4.2
         (DYNAMIXEL, b"\xff\xff\xfd\x00", "FF FF FD FD 00"),
-        # Cheshire and Baker, Consistent Overhead Byte Stuffing; without the 00 behind them
+        # Cheshire and Baker, Consistent Overhead Byte Stuffing; without the final 00
         (Cobs(AT), b"", "01"),
         (Cobs(AT), b"\0", "01 01"),
         (Cobs(AT), b"\0\0", "01 01 01"),

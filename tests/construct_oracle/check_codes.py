@@ -125,7 +125,7 @@ class CheckConstruct(SegmentConstruct):
         try:
             begin, end = mark_of(context, first), here if last == "here" else mark_of(context, last)
         except KeyError:
-            return b""  # a segment that is not there counts nothing
+            return b""  # an absent segment adds no bytes
         if self.segment.wire:
             return stream.getvalue()[begin.start : end.start + end.wire]
         return state.bytes_of(begin.first, end.last)

@@ -58,7 +58,7 @@ class Computed(ValueSegment):
     def write(self, filling: Filling, stream: BytesIO, context: Container, path: str) -> None:
         segment, name = self.segment, self.name
         if context._state.measuring and isinstance(segment.type.size, int):
-            stream.write(bytes(segment.type.size))  # it may count itself
+            stream.write(bytes(segment.type.size))  # the length may include its own size
             context._state.leaf(bytes(segment.type.size))
             return
         value = filling[name]
@@ -90,7 +90,7 @@ class LengthConstruct(Computed):
             except KeyError:
                 if context._state.stopped:
                     return None
-                continue  # not there, so it takes no room
+                continue  # absent, so its size is 0
             size += context._state.plain_size(mark) if self.segment.plain else mark.wire
         return size // self.segment.unit + self.segment.plus
 
@@ -102,7 +102,7 @@ class CountConstruct(Computed):
 
     def computed(self, filling: Filling) -> int:
         items = filling.value_or_nothing(self.segment.of)
-        return (0 if items is None else len(items)) + self.segment.plus  # a list that is not there has none
+        return (0 if items is None else len(items)) + self.segment.plus  # an absent list has no items
 
     def measured(self, context: Container) -> int | None:
         items = context._values.get(self.segment.of)
@@ -110,4 +110,4 @@ class CountConstruct(Computed):
             return None
         if context._state.stopped and not is_marked(context, self.segment.of):
             return None
-        return len(items or ()) + self.segment.plus  # a list that is not there has none
+        return len(items or ()) + self.segment.plus  # an absent list has no items

@@ -142,7 +142,7 @@ class Filling(Mapping[str, Any]):
         held = [part for part in parts if part.is_held(self)]
         if not held:
             raise Absent(name)
-        if len(held) == 1:  # whether it is there may stand on its own value
+        if len(held) == 1:  # its presence may depend on its own value
             return held[0]
         return next((part for part in held if part.when is None or part.when(self)), held[0])
 

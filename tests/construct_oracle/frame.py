@@ -109,7 +109,7 @@ class FrameConstruct(Construct):
         if fault is None:
             return Outcome(context._values, stream.tell(), None, None)
         orders = context._orders
-        last = reading.order + 1 if fault.cause == "check" else fault.place.order  # what a wrong code covers is told
+        last = reading.order + 1 if fault.cause == "check" else fault.place.order  # keep values of a wrong code
         values = Container((name, value) for name, value in context._values.items() if orders[name] < last)
         return Outcome(values, stream.tell(), fault, reading.faults.refusal(fault))
 
@@ -120,7 +120,7 @@ class FrameConstruct(Construct):
         if end is None:
             reading.following = self.tail.subcons
             self.body._parse(stream, context, path)
-            end = self._end_of_body(stream, reading, context)  # what the body holds may tell how long the tail is
+            end = self._end_of_body(stream, reading, context)  # values of the body may determine the size of the tail
             if end is not None and stream.tell() < end:
                 reading.leaf(reading.take(stream, end - stream.tell(), reading.place(stream, "frame", None)))
         else:
@@ -149,7 +149,7 @@ class FrameConstruct(Construct):
 
     def _read_bounded(self, end: int, stream: BytesIO, reading: Reading, context: Container, path: str) -> None:
         """Read a body that ends at `end`, also if its content is wrong."""
-        with reading.within(Region(end, exact=self.frame.size is None)):  # else something fills it up
+        with reading.within(Region(end, exact=self.frame.size is None)):  # otherwise fill bytes may follow
             try:
                 self.body._parse(stream, context, path)
             except Stop:

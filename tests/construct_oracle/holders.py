@@ -131,7 +131,7 @@ class RecordConstruct(ValueSegment):
     def read(self, stream: BytesIO, context: Container, path: str, place: Place) -> None:
         reading: Reading = context._state
         room = reading.room(context)
-        with reading.within(room) if room.exact else nullcontext():  # else what follows may show where its rest ends
+        with reading.within(room) if room.exact else nullcontext():  # otherwise later segments end a rest
             inner = self.fields.open(stream, context)
             reading.store(context, self.name, inner._values, place)
             self.fields.segments._parse(stream, inner, path)

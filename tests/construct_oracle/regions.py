@@ -95,7 +95,7 @@ class WrapConstruct(SegmentConstruct):
         else:
             wire = self.to_wire(plain, writing.names)
         size = self.segment.size
-        if isinstance(size, Expression) and size.text.startswith("plain:"):  # else a length is worked out of it
+        if isinstance(size, Expression) and size.text.startswith("plain:"):  # otherwise a length gives the size
             size = filling.compute(size, self.label)
         if isinstance(size, int) and size != len(wire):
             raise filling.error(self.label, f"'{self.label}' takes {len(wire)} bytes")

@@ -299,8 +299,8 @@ class Writing(State):
         try:
             yield
             if not self.measuring:
-                for _ in self.later:  # a code may cover one that stands behind it
-                    for fill_in in (*outer, *self.later):  # what stands around it may be covered, too
+                for _ in self.later:  # a code may cover a later code
+                    for fill_in in (*outer, *self.later):  # a code may also cover codes outside the wrap
                         fill_in()
         finally:
             self.later = outer

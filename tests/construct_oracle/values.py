@@ -60,7 +60,7 @@ def read_wire(type_: FieldType, stream: BytesIO, context: Container, place: Plac
 def _terminated(type_: FieldType, stream: BytesIO, reading: Reading, place: Place) -> bytes:
     ends = (type_.end,) if type_.end is not None else type_.stops
     start = stream.tell()
-    behind = 0 if type_.end is not None else max(map(len, ends))  # what ends it is part of what follows
+    behind = 0 if type_.end is not None else max(map(len, ends))  # the stop byte belongs to the next segment
     left = stream.read(max(reading.region.end + behind - start, 0))
     found = min((where for end in ends if (where := left.find(end)) >= 0), default=-1)
     if found < 0 or start + found > reading.region.end:

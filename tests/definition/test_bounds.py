@@ -149,7 +149,7 @@ def work(path: Path, frames: int, body: str) -> int:
 @pytest.mark.long
 def test_a_check_of_twice_as_many_frames_is_twice_the_work(tmp_path: Path, body: str) -> None:
     path = tmp_path / "many.protocol.yaml"
-    work(path, 1, body)  # what is read once
+    work(path, 1, body)  # load everything that is loaded once
     few, some, many = (work(path, frames, body) for frames in (30, 60, 120))
     assert many - some < 2.2 * (some - few)
 
@@ -164,7 +164,7 @@ def test_a_size_behind_values_in_a_row_is_compiled_in_work_that_grows_with_them(
             compile_protocol(protocol)
         return sum(row[1] for row in pstats.Stats(profile).stats.values())  # type: ignore[attr-defined]
 
-    compiling(1)  # what is read once
+    compiling(1)  # load everything that is loaded once
     assert compiling(12) < 4 * compiling(6)
 
 
@@ -179,7 +179,7 @@ def test_frames_that_hold_the_next_one_twice_are_each_looked_at_once() -> None:
             load_protocol_text(f"protocol: twice\ngroups:\n{groups}frames:\n{frames}")
         return sum(row[1] for row in pstats.Stats(profile).stats.values())  # type: ignore[attr-defined]
 
-    loading(1)  # what is read once
+    loading(1)  # load everything that is loaded once
     assert loading(32) < 2.5 * loading(16)
 
 

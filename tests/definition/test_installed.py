@@ -32,7 +32,7 @@ def test_a_group_is_found_in_every_kind_of_metadata(site: Path, folder: str) -> 
     (site / folder / "PKG-INFO").write_text("Metadata-Version: 2.1\nName: acme\nVersion: 1.0\n")
     (site / folder / "entry_points.txt").write_text(f"[{GROUP}]\nlamp = acme:LAMP\n")
     assert may_name(GROUP)
-    if folder != "EGG-INFO":  # which counts only inside of a folder `NAME.egg`
+    if folder != "EGG-INFO":  # EGG-INFO only counts inside a folder `NAME.egg`
         assert [(point.name, point.value) for point in entry_points_of(GROUP)] == [("lamp", "acme:LAMP")]
 
 

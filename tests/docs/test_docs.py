@@ -33,7 +33,7 @@ def test_page(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsy
     folder = tmp_path / "examples"
     shutil.copytree(ROOT / "examples", folder)
     monkeypatch.chdir(folder)
-    monkeypatch.setattr(schemes, "SCHEMES", dict(SCHEMES))  # a page's own port is known on that page only
+    monkeypatch.setattr(schemes, "SCHEMES", dict(SCHEMES))  # kinds of ports registered by a page end with it
     ports: dict[str, str] = {}
     with ExitStack() as programs:
         _carry_out_page(page, folder, ports, programs, capsys)
@@ -47,7 +47,7 @@ def _carry_out_page(
         where = f"{page.name}:{snippet.line}"
         if snippet.kind == "console":
             for command, expected in commands(snippet.text):
-                if command == "mosquitto":  # the broker that a page needs, as long as the page
+                if command == "mosquitto":  # the broker of a page, which runs until the end of the page
                     programs.enter_context(broker(folder, ports))
                 else:
                     found = [with_free_ports(line, ports) for line in carry_out(command, capsys)]

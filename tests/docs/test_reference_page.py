@@ -31,7 +31,7 @@ def test_every_key_is_described() -> None:
     assert [where for where, schema in keys if not REFERENCE.description(schema)] == []
 
 
-def test_the_guide_explains_keys_that_there_are() -> None:  # that its pages are there is tried with all links
+def test_the_guide_explains_keys_that_there_are() -> None:  # the test of links covers the existence of the pages
     assert set(GUIDE) <= set(REFERENCE.root["properties"])
 
 

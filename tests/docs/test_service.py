@@ -40,7 +40,7 @@ def test_what_the_unit_starts_goes_on_until_it_is_stopped(tmp_path: Path) -> Non
     ) as process:
         assert process.stdout is not None
         for line in process.stdout:
-            if "WR.REQ" in line:  # it is at work
+            if "WR.REQ" in line:  # it is running
                 break
         process.send_signal(signal.SIGHUP)  # ExecReload
         process.send_signal(signal.SIGTERM)

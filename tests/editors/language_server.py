@@ -46,7 +46,7 @@ class LanguageServer:
     def completions(self, uri: str, text: str, mark: str = "|") -> list[str]:
         """Return the completions offered at the mark in a text."""
         before, _, after = text.partition(mark)
-        self.problems(uri, before + after)  # then the schema has been read
+        self.problems(uri, before + after)  # wait until the schema is loaded
         line = before.count("\n")
         place = {"line": line, "character": len(before) - before.rfind("\n") - 1}
         found = self.ask("textDocument/completion", {"textDocument": {"uri": uri}, "position": place})

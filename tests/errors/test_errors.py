@@ -46,7 +46,7 @@ def test_messages_and_exit_status(
 ) -> None:
     checked = check.check_file(str(path))
     assert as_written(path, checked.problems) == expected(path)
-    monkeypatch.setattr(check, "check_file", lambda name: checked)  # the command line shows what was just found
+    monkeypatch.setattr(check, "check_file", lambda name: checked)  # the command line shows this result
     wrong = [line for line in expected(path) if ": warning: " not in line]
     assert main(["check", str(path)]) == (1 if wrong else 0)
     captured = capsys.readouterr()

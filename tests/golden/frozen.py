@@ -207,7 +207,7 @@ def _measured(one: Shipped, name: str, data: bytes, names: Names) -> str:
     codec = one.codec
     try:
         size = codec.frames[name].measure(data, 0, len(data), names, 0)
-    except Exception as error:  # whatever it is, it is what is frozen
+    except Exception as error:  # every exception is part of the frozen text
         return type(error).__name__
     return {codec.QUIET: "QUIET", codec.LOST: "LOST"}.get(size, str(size))
 
@@ -219,7 +219,7 @@ def _decoded(one: Shipped, name: str, data: bytes, names: Names) -> tuple[str, s
         refusal = "" if error.refuse is None else f" refused with {error.refuse:#x} {dict(error.fields)!r}"
         where = f"{error.cause} {error.segment or '-'} at {error.offset}"
         return where + refusal, f"{error.expected} | {error.found} | {error}"
-    except Exception as error:  # whatever it is, it is what is frozen
+    except Exception as error:  # every exception is part of the frozen text
         return type(error).__name__, str(error)
 
 

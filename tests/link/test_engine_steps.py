@@ -413,7 +413,7 @@ def test_a_reply_that_silence_has_ended_before_the_break_is_good() -> None:
     side.ask()
     side.run(10 * MS)
     side.gets(b"=12", whole=True)
-    side.now += 6 * MS  # the process is late: no `tick` has come
+    side.now += 6 * MS  # the process is late: `tick` has not been called
     side.line_break()
     assert [one.ok for one in side.outcomes] == [True]
 

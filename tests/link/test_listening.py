@@ -56,7 +56,7 @@ def test_a_listener_begins_anew_in_its_generator_with_new_variables() -> None:
 def test_a_listener_that_a_row_ends_begins_anew_too() -> None:
     side = Side(LISTENING, "server", server=server())
     for _ in range(3):
-        side.gets(b"\x05\x05\x05")  # the third one ends it, so that its counter begins anew
+        side.gets(b"\x05\x05\x05")  # the third frame ends the run, so its counter starts again
     assert asked(side, 1) == [b"\x02\x02", b"\x01\x00"]
     assert side.reasons("trouble") == []
 
@@ -109,7 +109,7 @@ def test_runs_that_end_at_once_are_reported_in_the_order_of_their_lanes_and_befo
 
 def test_runs_whose_times_run_out_at_once_are_reported_in_the_order_of_their_lanes() -> None:
     side, told = Side(SIDE_BY_SIDE, "client"), list[str]()
-    for name in ("second", "first"):  # the second lane begins, so that its run is the older one
+    for name in ("second", "first"):  # the second lane starts, so its run is the older run
         side.do(side.engine.start(Exchange(name, on_done=lambda outcome, name=name: told.append(name)), side.now))
     side.run(20 * MS)
     deadlines = {run.deadline for run in side.engine.machine.order}

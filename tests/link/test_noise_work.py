@@ -89,7 +89,7 @@ def roles_of(name: str) -> list[str | None]:
 def test_a_byte_of_random_noise_takes_few_calls(name: str) -> None:
     data = Random(1).randbytes(SIZE)
     for role in roles_of(name):
-        calls(name, role, cut(data[:1500], 150))  # what is prepared once for all receivers is no work for a byte
+        calls(name, role, cut(data[:1500], 150))  # build the tables that receivers share, which are not counted
     for role, size in product(roles_of(name), (64, 1500, SIZE)):
         count, hearing = calls(name, role, cut(data, size))
         assert count / len(data) < MOST_OF.get(name, MOST), (role, size)
@@ -151,7 +151,7 @@ def test_the_worst_bytes_take_few_calls_too(name: str, part: int) -> None:
     watched = (False, True) if name.endswith("rtu") else (False,)
     for role, data, is_watched in product(roles_of(name), [*worst(name)][part::PARTS], watched):
         seen: list[Seen] = []
-        calls(name, role, cut(data[:300], 150))  # what is prepared once for all receivers is no work for a byte
+        calls(name, role, cut(data[:300], 150))  # build the tables that receivers share, which are not counted
         count, hearing = calls(name, role, cut(data[:1500], 750), seen.append if is_watched else None)
         if hearing.counters.received * 200 < 1500:
             assert count / 1500 < WORST_OF.get(name, WORST), (role, data[:40].hex())
@@ -167,7 +167,7 @@ def test_small_pieces_with_pauses_take_few_calls(part: int) -> None:
     assert len(names) > 3
     for name in names:
         for role, data in product(roles_of(name), [Random(1).randbytes(1500), *worst(name)][part::PARTS]):
-            calls(name, role, cut(data[:300], 64))  # what is prepared once for all receivers is no work for a byte
+            calls(name, role, cut(data[:300], 64))  # build the tables that receivers share, which are not counted
             count, hearing = calls(name, role, cut(data[:1500], 64), pause=2_000_000)
             if hearing.counters.received * 200 < 1500:
                 assert count / 1500 < SMALL_OF.get(name, WORST_IN_SMALL_PIECES), (name, role, data[:40].hex())
@@ -335,7 +335,7 @@ frames:
     for data in (Random(1).randbytes(SIZE), *((start * SIZE)[:1500] for start in starts), (bad * SIZE)[:1500]):
         for size in (64, 1500):
             seen: list[Seen] = []
-            for _ in range(2):  # what is prepared once for all receivers is no work for a byte
+            for _ in range(2):  # build the tables that receivers share, which are not counted
                 hearing = Engine(protocol, codec, None, monitor=seen.append)
                 hearing.opened(0)
                 count = calls_of(hearing, cut(data, size))

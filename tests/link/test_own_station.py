@@ -121,10 +121,10 @@ services:
 @pytest.mark.parametrize(
     ("own", "other"),
     [
-        ("02 01 000001 07 05", "02 01 000002 07 05"),  # whoever asks: only the client has `asker`
+        ("02 01 000001 07 05", "02 01 000002 07 05"),  # for any sender: only the client has `asker`
         ("02 02 000001", "02 02 000002"),
-        ("02 02 000000", "02 02 000003"),  # a value for all is another way to fill the field
-        ("02 03 000001", "02 03 000002"),  # what nothing builds shares the field
+        ("02 02 000000", "02 02 000003"),  # a broadcast value also fills the field
+        ("02 03 000001", "02 03 000002"),  # a frame that no side builds shares the field
     ],
 )
 def test_a_parameter_in_a_request_is_that_of_the_device(own: str, other: str) -> None:

@@ -510,8 +510,8 @@ def test_whatever_a_generated_function_raises_ends_nothing(
         for name in which:
             monkeypatch.setattr(info, name, fails)  # other tests have the same table
         if "measure" in which:
-            monkeypatch.setattr(info, "counted", None)  # a size that a number gives needs no measuring
-        monkeypatch.setattr(receiver.table, "_kept", {})  # what they have prepared has the functions as they were
+            monkeypatch.setattr(info, "counted", None)  # measure all sizes
+        monkeypatch.setattr(receiver.table, "_kept", {})  # cached tables contain the unpatched functions
         found = feed(receiver, pieces, (frame,))
         if "decode" in which:
             assert found[0][:3] == ("bad", frame, "value")
@@ -557,7 +557,7 @@ def test_a_bad_frame_does_not_wait_for_a_longer_one_that_is_bad_already() -> Non
 @pytest.mark.parametrize(
     ("data", "cause", "segment"),
     [
-        ("05 04 00 01 00 02 99 0D", "check", "check"),  # complete but for its code, which would have ended it
+        ("05 04 00 01 00 02 99 0D", "check", "check"),  # complete, but with a wrong code
         ("05 04 00 01 00 02 99", "cut", ""),
         ("05 04 00 01 00", "cut", ""),
     ],

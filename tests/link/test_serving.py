@@ -691,12 +691,12 @@ def test_arithmetic_with_nothing_is_a_fault() -> None:
 @pytest.mark.parametrize(
     ("order", "packing", "unit", "data"),
     [
-        ("order: big", "", "word", "12 34 56 78 9A BC"),  # the words of data are numbers as all others
+        ("order: big", "", "word", "12 34 56 78 9A BC"),  # words of data are numbers like all others
         ("", "", "word", "12 34 56 78 9A BC"),
         ("order: little", "", "word", "34 12 78 56 BC 9A"),
         ("order: big", "packing: {order: little}", "word", "34 12 78 56 BC 9A"),
         ("order: big", "packing: {bits: packed}", "word", "12 34 56 78 9A BC"),
-        ("order: big", "", "6 bytes", "34 12 78 56 BC 9A"),  # no number: it stands as it is
+        ("order: big", "", "6 bytes", "34 12 78 56 BC 9A"),  # not a number: unchanged
         ("order: big", "packing: {order: big}", "6 bytes", "9A BC 56 78 12 34"),
     ],
 )

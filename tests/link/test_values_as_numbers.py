@@ -220,7 +220,7 @@ def test_text_keeps_the_form_of_the_address() -> None:
     assert loop.do("read", "D7.S", count=3).values == [1, 0xFFFE, 3] and loop.do("read", "d8.s").ok
     assert loop.requests == [b"RD7.S 2\r", b"RD9.S 1\r", b"RD8.S 1\r"]
     assert loop.log[0][1] == b"+1 -2\r\n"
-    assert loop.do("read", "D8.U").ok and loop.do("read", "D8").ok  # a form that is not on the wire: the first that is
+    assert loop.do("read", "D8.U").ok and loop.do("read", "D8").ok  # not on the wire: the first form is used
     assert loop.requests[3:] == [b"RD8.U 1\r"] * 2
 
 
@@ -354,7 +354,7 @@ def test_what_is_worked_out_of_elements_is_read_backwards() -> None:
 
 def test_wrong_values_of_back_are_refused() -> None:
     loop = Loop(WORKED_OUT)
-    assert loop.answer(b"\2O\x07-40000\r") == b"\6"  # 25536 is what the row makes of it
+    assert loop.answer(b"\2O\x07-40000\r") == b"\6"  # the row computes 25536
     assert loop.answer(b"\2O\x0770000\r") == loop.answer(b"\2O\x071.5\r") == b"\x15\4"
     assert loop.answer(b"\2P\5\xff\xff\0") == b"\x15\4"  # int16 holds no 65535
     assert loop.answer(b"\2P\x63\0\1\0\0\1\0") == b"\x15\2"

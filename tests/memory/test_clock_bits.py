@@ -101,7 +101,7 @@ def test_the_state_depends_on_the_time_alone(period: int, times: list[int], star
         bits.update(start + time)
         watch.cancel()
         assert bit(memory, "F1.15") == (time >= period and 2 * (time % period) < period)
-        assert rises.count(True) == (time // period > last // period)  # one edge for any number of missed ones
+        assert rises.count(True) == (time // period > last // period)  # one edge for any number of missed edges
         last = time
         due = bits.next_change(start + time) - start
         on = bit(memory, "F1.15")
@@ -115,10 +115,10 @@ def test_a_long_gap_shows_one_edge() -> None:
     bits.start(0)
     seen: list[int] = []
     memory.watch("F", 0, 1, lambda area, word, _: seen.append(area.read("word", word)[0]))
-    bits.update(3_600 * S + 700 * MS)  # both have risen often and are on, off
+    bits.update(3_600 * S + 700 * MS)  # both have risen several times; now they are on and off
     assert seen == [0b11, 0b01]
     seen.clear()
-    bits.update(7_200 * S)  # both are on again, one without having been seen off
+    bits.update(7_200 * S)  # both are on again; the off phase of the first was missed
     assert seen == [0b00, 0b11]
     seen.clear()
     bits.update(7_200 * S)
@@ -145,7 +145,7 @@ def test_fixed_bits_and_the_first_scan() -> None:
     memory, bits = system({}, fixed)
     memory.write("F", "word", 0, [0xFFFF], force=True)
     bits.start(S)
-    assert memory.read("F", "word", 0) == [0xFFFF & ~0x1400]  # bits that belong to nobody stay
+    assert memory.read("F", "word", 0) == [0xFFFF & ~0x1400]  # bits without a system meaning stay unchanged
     assert bits.next_change(S) == S + 10 * MS
     bits.update(S + 10 * MS - 1)
     assert bit(memory, "F0.11") and not bit(memory, "F0.12")
@@ -175,7 +175,7 @@ def test_only_clocks_somebody_waits_for_wake_the_driver() -> None:
     assert run(bits, 0, 2 * S) == [S, 3 * S // 2, 2 * S]
     assert changes == [0b1001, 0b0001, 0b1001]
     bits.update(2 * S + 19 * MS)
-    assert memory.read("F", "word", 0) == [0b10_0000_0000_1000]  # right when asked for, without extra edges
+    assert memory.read("F", "word", 0) == [0b10_0000_0000_1000]  # right at the update, without extra edges
     assert len(changes) == 4
 
 

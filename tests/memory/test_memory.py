@@ -120,7 +120,7 @@ def test_a_callback_may_write_and_may_watch() -> None:
 
     memory.watch("M", 9, 1, lambda area, *_: later.append(area.read("word", 9)[0]))
     memory.watch("M", 0, 1, copy).area.write("word", 0, [5])
-    assert later == [5]  # the watch made meanwhile hears of the next write only
+    assert later == [5]  # a watch added meanwhile is called for the next write only
 
 
 def test_watches_on_half_words_and_beyond_the_end() -> None:

@@ -75,7 +75,7 @@ def test_values_are_written_back_and_others_refused(tmp_path: Path, caplog: pyte
     caplog.set_level(logging.INFO, "framekit")
     with Broker(tmp_path) as broker, Listener(broker.port, "framekit/#") as listener:
         set_, answer = "framekit/boiler/setpoint/set", "framekit/boiler/setpoint/set/answer"
-        listener.say(set_, "33", retain=True)  # an old one, that the broker has kept
+        listener.say(set_, "33", retain=True)  # an old message that the broker has retained
         with Run(boiler(tmp_path, broker.port, ", commands: yes")) as run:
             listener.wait(lambda: listener.of("framekit/boiler/setpoint"))
             listener.say(set_, "45.5")

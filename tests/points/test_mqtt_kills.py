@@ -133,7 +133,7 @@ def kill_at_random(folder: Path, changes: int, kills: int, pause: float, seed: i
                     listener.listens = False
                     time.sleep(chance.random() / 5)
                     broker.start()
-                    listener.wait(lambda: listener.listens)  # what nobody hears is nobody's
+                    listener.wait(lambda: listener.listens)  # messages without a subscriber would be lost
                 else:
                     time.sleep(chance.random() / 5)
                 network.mend()
@@ -150,7 +150,7 @@ def kill_at_random(folder: Path, changes: int, kills: int, pause: float, seed: i
         assert not wanted - set(came), f"lost: {sorted(wanted - set(came))}"
         figures["came"] += len(came)
         figures["twice"] += len(came) - len(set(came))
-        # What is sent again begins anew at a place before; without what came before already, all is in order.
+        # A repetition restarts at an earlier place; without the repeated values, the sequence is in order.
         first = list(dict.fromkeys(came))
         assert first == sorted(first), f"out of order: {first}"
         assert _repeats(came) <= kills, "more is repeated than connections were lost"

@@ -111,7 +111,7 @@ def test_rows_are_exact_and_come_once(server: Server) -> None:
         Sampled(START + 3 * MS, (PointValue("state", "heating", "good", "", START, 2),)),
         sample(4, value=5, quality="failed", reason="no_reply"),
     ]
-    for _ in range(2):  # the second time as after a kill
+    for _ in range(2):  # the second time is like a start after a kill
         taken(sink_of(kind), many)
     found = server.rows("SELECT run, point, value, words, unit, quality, reason FROM exact ORDER BY time")
     assert [(row[0], *map(str, row[1:])) for row in found] == [

@@ -208,7 +208,7 @@ def test_a_file_of_something_else_is_left_alone(tmp_path: Path) -> None:
 @pytest.mark.parametrize("kind", [CsvFile(csv="a", at=NOWHERE), SqliteHistory(sqlite="a", at=NOWHERE)])
 def test_two_processes_do_not_write_one_file(kind: SinkKind, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    first, second = kind.make(), kind.make()  # a lock is one of the opened file: two of one process are as good
+    first, second = kind.make(), kind.make()  # a lock belongs to an opened file, not to a process
     first.open(POINTS)
     before = Path("a").read_bytes()
     with pytest.raises(BlockingIOError, match="another process writes there"):

@@ -208,7 +208,7 @@ def soak(folder: Path, seconds: float, pause: float) -> Counter[str]:
                     listener.listens = False
                     time.sleep(pause / 6)
                     broker.start()
-                    listener.wait(lambda: listener.listens)  # what is published before that is lost to this listener
+                    listener.wait(lambda: listener.listens)  # values published before that are lost to this listener
                     network.mend()
                 else:
                     figures["databases killed"] += 1

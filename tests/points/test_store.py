@@ -165,7 +165,7 @@ def test_the_next_run_sends_what_waits_first(tmp_path: Path, threaded: bool) -> 
     again.start()
     again.put(sample(6, value=6))
     again.stop()
-    assert server.taken == [0, 1, 2, 3, 4, 6]  # there is no point 'gone' any more
+    assert server.taken == [0, 1, 2, 3, 4, 6]  # the point 'gone' does not exist any more
     assert (again.status.written, again.status.waiting, again.status.dropped) == (7, 0, 0)
 
 

@@ -333,7 +333,7 @@ def test_what_sinks_have_kept_is_replayed(tmp_path: Path, capsys: pytest.Capture
         world = World(tmp_path, f'behave: {{"40007": {{replay: {file}{point}, scale: 0.01}}}}')
         found = world.values("40007", 8)
         assert found[:6] == [100, 200, 300, 400, 500, 400], file
-        assert found[-1] == (400 if file == "columns.csv" else 300)  # its lines have what was read a second before
+        assert found[-1] == (400 if file == "columns.csv" else 300)  # its lines hold the values of a second before
 
 
 def test_a_replay_begins_again_where_it_shall(tmp_path: Path) -> None:

@@ -228,7 +228,7 @@ def test_functions_called_for_each_frame_of_a_capture(tmp_path: Path) -> None:
         calls += event == "call"
 
     found = ((seen.frame, plain.to_plain(seen.frame, seen.fields)) for _, seen in decoder.seen())
-    frames += [next(found) for _ in range(100)]  # what is made ready once is not counted
+    frames += [next(found) for _ in range(100)]  # work done once is not counted
     sys.setprofile(note)
     try:
         frames += found

@@ -199,7 +199,7 @@ def test_an_exchange_is_never_broken_off(tmp_path: Path) -> None:
     assert bench.counts(0) == (1, 0, 0) and len(bench.edits) == 1
     bench.clock.run_for(100 * MS)
     assert len(bench.edits) == 2
-    bench.clock.run_for(SECOND + 100 * MS)  # its late reply is waited for as long again
+    bench.clock.run_for(SECOND + 100 * MS)  # the wait for its late reply starts again
     assert bench.counts(0)[0] >= 10 and bench.counts(0)[2] == 0, "begun anew"
     assert [seen for _, seen in bench.seen if seen.kind == "bad"] == []
 

@@ -65,9 +65,9 @@ def test_one_frame_is_hit_and_the_next_exchange_succeeds(kind: str, link: Link, 
         hit = world.exchange()
         assert world.number <= 20, "no frame could be hit"
     if kind == "glue" and hit != "ok":
-        world.exchange()  # the frame that was held comes only now
+        world.exchange()  # the held frame arrives only now
     if hit != "ok":
-        world.clock.run_for(30 * SECOND)  # the other side may still be waiting for what will not come
+        world.clock.run_for(30 * SECOND)  # the other side may still wait for a frame that never arrives
     assert hit == "ok" or kind not in HARMLESS
     assert [world.exchange(), world.exchange()] == ["ok", "ok"], hit
     assert world.wrong == []
@@ -92,7 +92,7 @@ def assert_shown(kind: str, world: FaultWorld, outcome: str) -> None:
         assert world.device.driver.reopenings + world.driver.reopenings >= 1 or outcome != "ok" or seen["repeated"]
     elif kind == "extra":
         assert counters.noise_bytes + counters.bad + counters.not_taken + world.device.engine.counters.bad > 0
-    elif kind != "glue":  # a frame that comes together with the next one need not trouble anybody
+    elif kind != "glue":  # a frame that arrives together with the next frame may have no effect
         lost = counters.bad + counters.noise_bytes + counters.not_taken + seen["repeated"]
         lost += sum(world.engine.scope.get(name) or 0 for name in ("enqs_sent", "naks_sent"))  # a link that asks again
         assert lost > 0 or outcome != "ok"

@@ -92,7 +92,7 @@ def words_of(*numbers: float) -> list[int]:
         ("{t: M100}", [21.3]),  # two words
         ("{s: M100, x: M102, g: M104}", [21.3, 12.25, -0.25]),
         ("{reply.s: M100}", [21.3]),
-        ('{twice: "%MD50"}', [42.6]),  # nothing tells before that it may have a fraction
+        ('{twice: "%MD50"}', [42.6]),  # `check` cannot know that it may have a fraction
         ("{all: M100}, size: {all: 2}", [21.3, 12.25]),
         ("{all: M100}, size: {all: 3}", [21.3, 12.25, 0]),
     ],

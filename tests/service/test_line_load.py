@@ -42,7 +42,7 @@ def test_a_run_counts_every_byte_of_its_lines() -> None:
         sizes[seen.direction] = sizes.get(seen.direction, 0) + len(seen.raw)
 
     service = RunService(load_run(EXAMPLES / "third-party-plc.run.yaml"), clock, watch)
-    clock.run_for(5 * SECOND)  # what is loaded before the start is no time of the line
+    clock.run_for(5 * SECOND)  # loading before the start is not line time
     began = clock.now()
     service.start()
     clock.run_for(10 * SECOND)

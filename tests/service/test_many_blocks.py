@@ -105,5 +105,5 @@ def test_sixty_four_blocks_on_eight_protocols(tmp_path: Path) -> None:
     for number, load in loads.items():
         ended = sum(one.cost.bytes * service.states[one.block.number].done for one in load.blocks)
         longest = max(one.cost.bytes for one in load.blocks)
-        doubled = ended // 100  # bytes that stand twice in some frames, depending on what they carry
+        doubled = ended // 100  # escaped bytes of some frames, depending on their content
         assert ended - doubled <= carried[number] <= ended + doubled + longest, "the line carries what was foreseen"

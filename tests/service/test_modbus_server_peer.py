@@ -97,7 +97,7 @@ def test_pymodbus_over_a_pty(tmp_path: Path, protocol: str, framer: FramerType) 
             await client.connect()
             await client.write_register(20, 0x1234, device_id=0, no_response_expected=True)
             while any(store.memory.read("holding", "word", 20) != [0x1234] for store in serving.stores):
-                await asyncio.sleep(0)  # everybody takes a broadcast, and nobody answers
+                await asyncio.sleep(0)  # all stations execute a broadcast, and none answers
             assert (await client.read_holding_registers(20, count=1, device_id=2)).registers == [0x1234]
             client.close()
 
@@ -112,7 +112,7 @@ def all_functions(instrument: minimalmodbus.Instrument) -> None:
     assert instrument.read_bits(0, 2000, functioncode=1)[:3] == [1, 0, 1]
     assert instrument.read_bits(0, 9, functioncode=2) == [0] * 9
     instrument.write_bit(7, 1, functioncode=5)
-    instrument.write_bits(100, [1, 0] * 60)  # as many as it lets one write
+    instrument.write_bits(100, [1, 0] * 60)  # the largest write that minimalmodbus allows
     assert instrument.read_bits(7, 1, functioncode=1) == [1]
     assert instrument.read_bits(100, 120, functioncode=1) == [1, 0] * 60
     instrument.write_register(9, 0xBEEF, functioncode=6)
@@ -122,7 +122,7 @@ def all_functions(instrument: minimalmodbus.Instrument) -> None:
     instrument.write_float(300, 2.5)
     assert instrument.read_float(300) == 2.5
     assert instrument.serial is not None
-    instrument.serial.timeout = 1  # a refusal is shorter than what it waits for
+    instrument.serial.timeout = 1  # a refusal is shorter than the reply that it waits for
     with pytest.raises(minimalmodbus.IllegalRequestError):
         instrument.read_registers(65535, 2)
     with pytest.raises(minimalmodbus.IllegalRequestError):

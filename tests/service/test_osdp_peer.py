@@ -79,7 +79,7 @@ def working(path: str, secure: bool, use_crc: bool) -> None:
         assert panel.asked(partial(osdp.ReaderTextOutputCommand, reader_text_output=text)).type.name == "Ack"
         unknown = panel.asked(partial(osdp.ManufacturerSpecificCommand, manufacturer_data=b"\1\2\3"))
         assert (unknown.type.name, bytes(unknown.extract_reply_data)) == ("Nak", b"\3")
-        for _ in range(7):  # more than once through the sequence numbers
+        for _ in range(7):  # more than one cycle of sequence numbers
             assert panel.seen("Ack") == b""
     finally:
         panel.panel.shutdown()

@@ -47,7 +47,7 @@ def of_m_bus(wires: Made) -> Made:
     meterbus.send_select_frame(select, "12345678FFFFFFFF")
     plain = bytearray(select.written)
     assert plain[4] == 0x73
-    plain[4] -= 0x20  # the frame count bit, which it sets; and in the check code
+    plain[4] -= 0x20  # the peer sets the frame count bit; the check code changes accordingly
     plain[-2] = (plain[-2] - 0x20) & 0xFF
     name = "water meter 12345678 with three records"
     found = meterbus.load(wires[name])

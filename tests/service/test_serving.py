@@ -291,7 +291,7 @@ def test_a_slow_client_and_requests_in_one_piece() -> None:
             for byte in request(1, 1, READ_3):
                 writer.write(bytes([byte]))
                 await writer.drain()
-                await asked(number, 1, READ_3)  # somebody else is served meanwhile
+                await asked(number, 1, READ_3)  # another client is served meanwhile
             assert (await reply_of(reader))[0] == 1
             writer.write(b"".join(request(transaction, 1, READ_3) for transaction in range(16)))
             assert [(await reply_of(reader))[0] for _ in range(16)] == list(range(16))

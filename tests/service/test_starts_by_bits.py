@@ -211,7 +211,7 @@ def test_the_end_of_a_pulse_goes_first(tmp_path: Path, looked_at: bool) -> None:
     seen: list[list[int]] = []
     write = bench.port.write
     bench.port.write = lambda data: (seen.append(bench.memory.read("L", "word", 625)), write(data))[1]  # type: ignore[method-assign]
-    bench.clock._now = end  # the clock's time has come, and nobody has been called yet
+    bench.clock._now = end  # the time is reached, but no timer has been called yet
     bench.trigger()
     bench.clock.run_until(end)
     assert seen == [[0]]

@@ -87,7 +87,7 @@ def test_bytes_go_both_ways_with_a_client_that_has_a_certificate(files: Certific
         listener, accepted = await listener_with(files.listening(f"clients={files.ca}"))
         port = client_of(listener, f"?ca={files.ca}&cert={files.client}&key={files.client_key}")
         here = await opened(port)
-        port.write(b"early")  # may be here before the port of the other side is opened
+        port.write(b"early")  # may arrive before the port of the other side is opened
         other = await accepted.get()
         assert other.host == "127.0.0.1"
         assert other.name == f"tls://{other.sender}"
@@ -146,7 +146,7 @@ def test_who_is_not_let_in(files: Certificates, caplog: pytest.LogCaptureFixture
         assert await refusal(listener, stranger)
         signed_by_another = await refusal(listener, f"?ca={files.stranger_ca}")
         assert "the certificate of the other side is not good: self-signed certificate" in signed_by_another
-        assert "the certificate of the other side is not good" in await refusal(listener, "")  # as the system trusts
+        assert "the certificate of the other side is not good" in await refusal(listener, "")  # system authorities
         with socket.create_connection(("127.0.0.1", listener.number)) as plain:
             plain.sendall(bytes.fromhex("000100000006010300000001"))
             assert await asyncio.get_running_loop().run_in_executor(None, plain.recv, 1024) != b"\0"
@@ -314,7 +314,7 @@ def test_a_new_certificate_needs_no_restart(
         good = f"?ca={files.ca}"
         assert "certificate has expired" in await refusal(listener, good)
         put(cert, files.server.read_bytes())
-        assert "certificate has expired" in await refusal(listener, good)  # the key does not fit yet
+        assert "certificate has expired" in await refusal(listener, good)  # the key does not match yet
         put(key, files.key.read_bytes())
         port = client_of(listener, good)
         await opened(port)

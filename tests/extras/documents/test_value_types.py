@@ -37,7 +37,7 @@ def frames_of(name: str) -> list[tuple[str, dict[str, Any]]]:
         try:
             decoded = codec.decode(case.wire.exact, case.frame)
         except FrameError:
-            continue  # one that is only read with what a request has announced
+            continue  # a frame that needs a value announced by a request
         found.append((case.frame, json.loads(json.dumps(plain.to_plain(case.frame, decoded.fields)))))
     return found
 

@@ -233,7 +233,7 @@ def test_a_run_that_cannot_begin_is_the_one_of_before_again(tmp_path: Path) -> N
         with gateway(path):
             watcher.wait("one", is_well)
             wrong = old.replace(b"sinks:", b"memory: masterlogic\nstate: kept.state\nsinks:")
-            for text in (wrong, old):  # from now on that file is one of this gateway's own
+            for text in (wrong, old):  # the first text makes the state file one of this gateway's own files
                 (answer,) = watcher.fleet.roll(["one"], text, TOKEN)
                 assert answer.ok, answer
                 watcher.wait("one", is_well)
@@ -341,7 +341,7 @@ def test_two_of_one_name_are_told_and_both_go_on(tmp_path: Path) -> None:
             with gateway(second):
                 member = watcher.wait("same", lambda one: one.troubles)
                 assert "problem: another gateway is called 'same' too" in member.troubles
-            listener.wait(lambda: listener.of("framekit/same/online")[-2:] == [b"0", b"1"])  # the first is there
+            listener.wait(lambda: listener.of("framekit/same/online")[-2:] == [b"0", b"1"])  # the first is listed
 
 
 @pytest.mark.long
@@ -551,7 +551,7 @@ def test_one_process_at_a_time_takes_files_for_a_run(tmp_path: Path, capsys: pyt
             patch.setenv("FLEET_TOKEN", TOKEN)
             watcher.wait("one", is_well)
             ReplacedFile(path).put(old.replace(b"run: meter", b"run: other"))
-            assert not ReplacedFile(path).settle() and path.read_bytes() != old  # that is for the one at work
+            assert not ReplacedFile(path).settle() and path.read_bytes() != old  # left to the running gateway
             assert main(["run", str(path), "--for", "1s"]) == 1
             assert "another process takes files for meter.run.yaml already" in capsys.readouterr().err
         assert ReplacedFile(path).settle() and path.read_bytes() == old

@@ -137,7 +137,7 @@ def tokens(values: Mapping[str, Any], struct: CStruct, made: Generated) -> list[
         if value is None and member.has:
             found.append("-")
             continue
-        if value is None:  # what is always computed need not be given
+        if value is None:  # computed values may be left out
             found += _nothing_of(member)
             continue
         found += _tokens_of(value, member, made)
@@ -667,7 +667,7 @@ def encode_trial(c: CProtocol, seed: int, samples: int = 6, changes: int = 8) ->
     random_ = random.Random(seed)
     asked: list[tuple[str, Mapping[str, Any]]] = []
     only = {frame for frame, _, _ in c.generated.to_give}
-    for frame in _ordered(c.generated):  # those that such a frame may stand in, too
+    for frame in _ordered(c.generated):  # also the outer frames of such a frame
         if only & set(_inside(c.generated.structs[frame])):
             only.add(frame)
     not_built = dict(c.generated.not_built)

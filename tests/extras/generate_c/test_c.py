@@ -61,7 +61,7 @@ def test_all_shipped_frames_are_read_and_built_as_by_python(name: str, tmp_path:
     if c.generated.in_streams:
         assert stream_trial(c, seed=23, noisy=False, count=30)[0] == []
         different, tried = stream_trial(c, seed=24, noisy=True, count=60)
-        assert len(different) * 20 <= tried, different  # docs/generate-c.md tells where they differ
+        assert len(different) * 20 <= tried, different  # docs/generate-c.md explains the differences
         assert_no_harm(name, tmp_path)
 
 

@@ -115,7 +115,7 @@ def test_hex_text_is_read(tmp_path: Path) -> None:
     assert heard(path) == [
         HeardBytes(None, "out", b"\1\3"), HeardBytes(1_500_000_000, "in", b"\1\3\n"), HeardBytes(None, "out", b"\2\4"),
     ]  # fmt: skip
-    path.write_text("02 54 31\n0254 31\n", "utf-8")  # a first byte is no time
+    path.write_text("02 54 31\n0254 31\n", "utf-8")  # the first byte must not be read as a time
     assert [one.data for one in heard(path)] == [b"\x02T1", b"\x02T1"]
     path.write_text("01 03\n01 0G\n", "utf-8")
     with pytest.raises(HeardError, match=r"heard.txt:2:1: this is no line of hex digits"):

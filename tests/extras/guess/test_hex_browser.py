@@ -68,7 +68,7 @@ def test_a_click_names_a_field_and_the_definition_passes(tmp_path: Path) -> None
         assert "f32 CDAB" in page.text("#tip") and "u16 big" in page.text("#tip")
         drag(page, 1, 2, 5)
         page.until(lambda: "f32 big" in page.text("#types"))
-        assert page.run("return document.querySelector('#naming').hidden")  # there is no token yet
+        assert page.run("return document.querySelector('#naming').hidden")  # the token is still missing
         page.open(f"{url}#token={token}")
         page.until(lambda: page.text("#may") == "May name fields")
         page.until(lambda: len(cells(page, 1)) == 9)

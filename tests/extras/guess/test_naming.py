@@ -68,7 +68,7 @@ def test_a_name_for_what_a_reply_repeats_goes_for_both_sides(meter: Guess) -> No
     assert ("station", 1, 1) in told_fields(found) and ("station", 1, 1) in told_fields(found, "asked")
     text = drafted(found, "meter", "line").text
     assert "echo: [copy_0, station]" in text or "echo: [station]" in text
-    found = named(meter, [FieldNaming("asked", 1, 2, "what", "u16")])  # of a copy and another byte
+    found = named(meter, [FieldNaming("asked", 1, 2, "what", "u16")])  # a field over a copy and another byte
     draft = drafted(found, "meter", "line")
     assert draft.problems == () and "copy_1]" not in draft.text
 
@@ -188,7 +188,7 @@ def test_the_file_is_written_anew_with_each_name(meter: Guess, tmp_path: Path) -
     with pytest.raises(NamingError, match="already"):
         names.give(FieldNaming("told", 7, 1, "level", "u8"))
     assert path.read_text("utf-8") == good
-    names.give(FieldNaming("told", 3, 2, "high", "u16"))  # level goes with its bytes
+    names.give(FieldNaming("told", 3, 2, "high", "u16"))  # the overlapping name `level` is removed
     assert [one.name for one in names.namings] == ["station", "high"]
     names.forget("asked", 1)  # the name that the reply got, too
     assert [one.name for one in names.namings] == ["high"]
@@ -225,7 +225,7 @@ def test_a_name_that_makes_the_definition_wrong_is_refused(
         names.give(wrong)
     assert path.read_text("utf-8") == before and names.guess is meter
     assert path.with_name("meter.vectors.yaml").exists()
-    assert write_definition(named(meter, [wrong]), path, "line").problems  # what a command line is told
+    assert write_definition(named(meter, [wrong]), path, "line").problems  # the problems that the command line reports
     assert not path.with_name("meter.vectors.yaml").exists()
 
 

@@ -120,6 +120,6 @@ def test_cuttings_of_a_line() -> None:
     assert say_little(heard) and are_portions(heard)
     assert not say_little(frames) and not are_portions(frames)
     found = other_cuttings(heard)
-    assert [one.kind for one in found] == ["pauses", "whole"]  # at turns it is cut as at pauses
+    assert [one.kind for one in found] == ["pauses", "whole"]  # cuts at turns equal cuts at pauses
     assert sizes_of(found[0].pieces) == sizes_of(frames)
     assert len(found[1].pieces) == 2

@@ -406,7 +406,7 @@ def test_a_line_is_recorded_until_ctrl_c_and_decoded(
         out, errors = one.communicate(timeout=180)
         os.set_blocking(other, False)
         with pytest.raises(BlockingIOError):
-            os.read(other, 1)  # it has sent nothing
+            os.read(other, 1)  # no byte was sent
         os.close(other)
     assert one.returncode == 0
     assert errors == f"{pair.first}: damaged characters and breaks cannot be seen here, only bytes and times\n"

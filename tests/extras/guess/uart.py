@@ -77,7 +77,7 @@ def receive(wire: Wire, line: LineFormat, begin: float = 0.0, end: float | None 
     while at < end:
         if not is_low:
             place = bisect_right(wire.edges, at)
-            place += place & 1  # the next falling edge: those at even places
+            place += place & 1  # the next falling edge has an even index
             if wire.level(at) == 0 and at == begin:
                 start = at
             elif place >= len(wire.edges):

@@ -171,7 +171,7 @@ class Reader:
         elif _is_same(found, wanted):
             into.agreed += 1
         elif isinstance(found, (str, bytes)) and not isinstance(wanted, type(found)):
-            into.left_out.append(path)  # text or bytes that Kaitai makes no number of
+            into.left_out.append(path)  # text or bytes that Kaitai does not convert to a number
         else:
             into.differences.append(f"{path}: {found!r}, not {wanted!r}")
 

@@ -254,7 +254,7 @@ def _value(found: Any, wanted: Any, path: str, parts: tuple[str, ...], into: Com
     elif found == wanted or (found != found and wanted != wanted):
         into.agreed += 1
     elif isinstance(found, (str, bytes)) and not isinstance(wanted, type(found)):
-        into.left_out.append(path)  # text or bytes that Kaitai makes no number of
+        into.left_out.append(path)  # text or bytes that Kaitai does not convert to a number
     else:
         into.differences.append(f"{path}: {found!r}, not {wanted!r}")
 

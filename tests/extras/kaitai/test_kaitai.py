@@ -31,7 +31,7 @@ def compare_vectors(reader: Reader) -> Compared:
         if vector.frame is None or vector.expect is not None:
             continue
         data = vector.wire.exact
-        if data is None:  # its check code is worked out
+        if data is None:  # compute its check code
             data = codec.encode(
                 vector.frame, PlainValues(protocol).from_plain(vector.frame, vector.values or {}), context
             )

@@ -229,7 +229,7 @@ def differences(reader: Reader, codec: Codec, frame: str, data: bytes) -> list[s
     except FrameError as error:
         try:
             read = reader.read(frame, data, context)
-        except Exception:  # the runtime, and what Python raises of text that is no number
+        except Exception:  # errors of the runtime, and Python's errors for text that is not a number
             return []
         return [f"{data.hex(' ')} is refused ({error}), and read as {vars(read)}"]
     reader.compare_frame(frame, data, context, fields, found)

@@ -85,7 +85,7 @@ def come_back(name: str, folder: Path) -> RoundTrip:
     """Export and re-import a definition; assert that the copy reads the frames that the original builds."""
     found = round_trip(name, folder)
     assert found.compared.differences == []
-    # frames that no byte tells apart, and parts under a condition that has no form, are told as refused
+    # frames that no byte distinguishes, and parts under an inexpressible condition, are reported as refused
     assert {one.partition(" ")[0] for one in found.refused} <= {
         "request_frame", "reply_frame", "rsp_ud", "task", "response",
     }  # fmt: skip

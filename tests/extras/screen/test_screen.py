@@ -175,7 +175,7 @@ def test_pause_and_going_on() -> None:
         app.draw()
         assert app.frames.row_count > count
         numbers = [int(number) for number in column(app, 0)]
-        assert numbers == list(range(1, len(numbers) + 1))  # nothing was lost meanwhile
+        assert numbers == list(range(1, len(numbers) + 1))  # no value was lost meanwhile
 
     driven(test)
 
@@ -413,7 +413,7 @@ def test_served_devices_are_shown_with_what_they_answer() -> None:
                 await pilot.pause()
             with open(pair.second, "r+b", buffering=0) as client:
                 client.write(b"\x0501rSB06%MW10001\x0492")
-                while app.frames.row_count < 3:  # the opening is the first
+                while app.frames.row_count < 3:  # the first row is the opening of the port
                     await pilot.pause()
             app.draw_status()
             assert column(app, 6)[:3] == ["open", "read_continuous", "read_continuous_reply"]

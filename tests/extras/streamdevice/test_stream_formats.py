@@ -73,7 +73,7 @@ def as_printf(form: str, value: Any) -> bytes:
         value &= 2**64 - 1
         flags = flags.replace("+", "").replace(" ", "")
     if kind in "diouxX" and precision:
-        flags = flags.replace("0", "")  # C: without effect beside a precision
+        flags = flags.replace("0", "")  # C ignores this flag if a precision is given
     return (f"%{flags}{width}{precision}{kind}" % value).encode("latin-1")
 
 

@@ -41,7 +41,7 @@ class Looking:
         self.driver = driver
 
     def open(self, url: str) -> None:
-        self.driver.get("about:blank")  # an address that differs behind # alone would not be loaded anew
+        self.driver.get("about:blank")  # the browser would not reload for a change after # only
         self.driver.get(url)
         self.until(lambda: self.text("#state") == "Live")
 

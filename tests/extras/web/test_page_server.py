@@ -189,7 +189,7 @@ def test_a_browser_that_takes_nothing_is_given_up_and_holds_nobody_up(
             page.run.run_for("1 s")
             other.take(session.news())
         assert not showing.done()
-        assert stuck.tried == 1  # one message waits, and no other is made
+        assert stuck.tried == 1  # one message waits; no further message is built
         showing.cancel()
         monkeypatch.setattr(server_module, "LONGEST_SEND", 0)
         await browser_at(page, stuck)._show()

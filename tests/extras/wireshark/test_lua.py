@@ -83,7 +83,7 @@ def test_drawn_definitions(seed: int, tmp_path: Path) -> None:
     try:
         tried = DefinitionTrial(drawn.text, drawn.values, seed)
     except DefinitionError:
-        return  # as many are refused: each is tried by the tests of both compilers
+        return  # many definitions are refused; the tests of both compilers try them
     data = tried.built()
     if data:
         frames = [data, *filter(None, (damaged(data, random) for _ in range(5))), data]

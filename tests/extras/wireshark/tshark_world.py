@@ -136,7 +136,7 @@ def groups_of(name: str, protocol: Protocol) -> Iterator[tuple[dict[str, Any], l
     codec, plain = compile_protocol(protocol), PlainValues(protocol)
     for vector in vectors_of(name).frames:
         given, data = plain_values(protocol, vector), vector.wire.exact
-        if data is None and vector.frame is not None:  # its check code is worked out
+        if data is None and vector.frame is not None:  # compute its check code
             values = plain.from_plain(vector.frame, vector.values or {})
             data = codec.encode(vector.frame, values, base_context(protocol) | given)
         given.pop("request", None)
@@ -150,7 +150,7 @@ def trial(name: str, folder: Path, damage: bool = True) -> Trial:
     protocol, found = load_protocol(name), Trial()
     for number, (given, frames) in enumerate(groups_of(name, protocol)):
         damaged = [_damaged(frame, place) for place, frame in enumerate(frames)] if damage else []
-        every = [*frames, *damaged, frames[0]]  # a good one shows that nothing of the last damaged one is still to come
+        every = [*frames, *damaged, frames[0]]  # a good frame at the end flushes the last damaged frame
         compare(protocol, base_context(protocol) | given, every, folder / f"{number}", found, len(frames))
         found.vectors += len(frames)
     return found
@@ -204,7 +204,7 @@ def compare(
             differ += [f"{shown} {problem}" for problem in _told(packet, best, ends)]
             found.checks += best is not None and best[1].cause == "check"
         elif fits[0].refusal is not None and number >= good > 0 and packet.frames != [fits[0].frame]:
-            found.bad += 1  # in a stream a damaged one that would be refused alone may be something else
+            found.bad += 1  # a damaged frame that would be refused alone may be another frame in a stream
         elif packet.frames != [fits[0].frame]:
             differ.append(f"{shown} {fits[0].frame}, tshark shows {packet.frames} {packet.experts} {packet.messages}")
         else:
@@ -281,10 +281,10 @@ def is_same(value: Any, shown: str) -> bool:
         return bytes.fromhex(shown.replace(":", " ")) == value
     if isinstance(value, str):
         plain = value.replace("\0", "␀")
-        return shown in (plain, re.sub(r"[\r\n\t]", " ", plain), _escaped(plain))  # XML makes spaces of ends of lines
+        return shown in (plain, re.sub(r"[\r\n\t]", " ", plain), _escaped(plain))  # XML replaces line feeds by spaces
     if isinstance(value, int):
         return shown == str(int(value))
-    return float(shown) == pytest.approx(float(value), rel=1e-6)  # tshark shows so many digits
+    return float(shown) == pytest.approx(float(value), rel=1e-6)  # the precision of tshark's output
 
 
 def _escaped(value: str) -> str:
