@@ -484,21 +484,21 @@ class CommandScope(Scope):
         super().reset_session(self.shared)
 
     def set(self, name: str, value: Any) -> None:
-        """Set a variable or a parameter, as every scope does; names of the channel are set in its scope."""
+        """Set a variable or a parameter; a name of the channel is set in the scope of the channel."""
         if name in self.shared or name == "clock":
             self.channel.set(name, value)
         else:
             super().set(name, value)
 
     def set_entry(self, name: str, key: Any, value: Any) -> None:
-        """Set an entry, as every scope does; variables of the channel are set in its scope."""
+        """Set an entry; an entry of a variable of the channel is set in the scope of the channel."""
         if name in self.shared:
             self.channel.set_entry(name, key, value)
         else:
             super().set_entry(name, key, value)
 
     def drop_entry(self, name: str, key: Any) -> None:
-        """Drop an entry, as every scope does; variables of the channel are changed in its scope."""
+        """Drop an entry; an entry of a variable of the channel is dropped in the scope of the channel."""
         if name in self.shared:
             self.channel.drop_entry(name, key)
         else:

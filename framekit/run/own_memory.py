@@ -39,7 +39,7 @@ class OwnAddresses(AddressGrammar):
         self._names = names
 
     def parse(self, text: str, unit: str | None = None, *, check: bool = True) -> Address:
-        """Parse an address as every grammar does; a name stands for its address."""
+        """Parse an address of the grammar, or the name of an address."""
         return super().parse(self._names.get(text.strip(), text), unit, check=check)
 
 
@@ -81,14 +81,14 @@ class ProtocolAddresses(AddressGrammar):
         return replace(address, area=memory, parts={**address.parts, "area": address.area})
 
     def parse(self, text: str, unit: str | None = None, *, check: bool = True) -> Address:
-        """Parse an address as every grammar does; its `area` is the area of the memory."""
+        """Parse an address of the grammar; its `area` is the area of the memory."""
         address = self.place(text, unit)
         if check:
             self.check(address)
         return address
 
     def check(self, address: Address, count: int = 1) -> None:
-        """Check a place as every grammar does. Raise AddressError also for an area that the memory does not have."""
+        """Check a place like a grammar. Raises AddressError also for an area that the memory does not have."""
         area = self._there.get(address.area)
         if area is None or not area.size:
             what = f"{address} is in {address.area}, which this memory does not have"

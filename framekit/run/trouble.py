@@ -191,7 +191,7 @@ class Dropped:
             self._in_flight.append((number, names))
 
     def destroyed(self, samples: int, points: Mapping[str, int]) -> None:
-        """Count samples that were kept already, and their values by point."""
+        """Count lost samples that had been stored; `points` has the number of their values by point."""
         self.samples += samples
         self.points.update(points)
 

@@ -17,9 +17,9 @@ from framekit.definition.load.protocol import load_protocol
 from framekit.definition.model.protocol import Protocol
 
 STATIONS: dict[str, tuple[str, str]] = {"text": ("'AB'", "AB"), "bytes": ("'AB'", "AB")}
-"""The station of the device and of the scan, by the type of stations; numbers: 3 of 1 to 5."""
+"""By type of stations: the `station` key of the device, and the stations of the scan (numbers: the device is 3)."""
 OWN = {"ccm": 9, "df1": 0, "bacnet-mstp": 7, "dnp3-link": 9}
-"""Own stations, where requests name them."""
+"""Own stations, for protocols whose requests contain them."""
 
 
 def device_file(folder: Path, protocol: Protocol) -> list[Any] | None:

@@ -248,7 +248,7 @@ def test_a_stopped_verb_does_not_wait_for_its_reader_without_an_end(
 def test_a_stopped_verb_ends_if_its_only_reader_does_not_read(
     pipes: Callable[[], tuple[Pipe, Pipe]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """With `2>&1`, the message cannot be written either."""
+    """With `2>&1`, the message about lost lines cannot be written either."""
     monkeypatch.setattr("framekit.service.write_queue.LONGEST_STALL", 0.1)
     pipes()
     monkeypatch.setattr(sys, "stderr", sys.stdout)

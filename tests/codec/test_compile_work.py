@@ -61,7 +61,7 @@ SHAPES: dict[str, Callable[[int], str]] = {
 
 
 GROWTH = 2.7
-"""Most growth of the work for twice the size; quadratic work would grow by 4."""
+"""Largest growth of the work for twice the size; quadratic work would grow by 4."""
 
 
 def definition(shape: str, count: int) -> str:

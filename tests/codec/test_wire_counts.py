@@ -23,7 +23,7 @@ from framekit.definition.load.protocol import load_protocol_text
 
 MANY = 1 << 22
 ROOM = MANY
-"""The most bytes of memory that reading may allocate for any frame."""
+"""Largest number of bytes of memory that reading may allocate for any frame."""
 
 TYPES = (
     "u8", "u24", "u40", "i64", "u32, order: CDAB", "u16, order: little", "f64", "hex, size: 4", "dec, size: 3",

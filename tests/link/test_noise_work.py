@@ -24,7 +24,7 @@ from framekit.link.receiver import BAD_APART, GOES_ON, MOST_BAD
 
 SIZE = 6_000
 MOST = 15
-"""Most function calls per byte of random noise; the most expensive shipped protocol needs 9, apart from these."""
+"""Largest number of function calls per byte of random noise; the most expensive protocol needs 9, apart from these."""
 MOST_OF = {"m-bus": 26, "host-link": 30, "mewtocol": 24}
 """M-Bus: random bytes contain many frames of five bytes, and records that are diagnosed: 18, in small pieces 23.6.
 
@@ -118,7 +118,7 @@ def test_frames_that_silence_ends_hold_nothing_up_for_longer_than_their_greatest
 PARTS = 4
 """Number of tests among which the worst bytes are divided."""
 WORST, WORST_IN_SMALL_PIECES = 36, 46
-"""Most calls per byte of the worst bytes that `benchmarks/noise.py` has found.
+"""Largest number of calls per byte of the worst bytes that `benchmarks/noise.py` has found.
 
 The other protocols need at most 27 and 41.
 """
@@ -305,7 +305,7 @@ frames:
 
 
 MOST_BY_NUMBER = 120
-"""Most calls per byte of starts and damaged frames that begin every two to eleven bytes: 109 at most.
+"""Largest number of calls per byte of starts and damaged frames that begin every two to eleven bytes; 109 are needed.
 
 The faults of two candidates are compared for each bad frame: the innermost fault of the better candidate is reported.
 """

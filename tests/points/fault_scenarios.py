@@ -47,7 +47,7 @@ SECOND = 1_000_000_000
 START = 1_772_366_400 * SECOND
 ERRORS = (errno.ENOSPC, errno.EIO, errno.EROFS)
 MOST = 400
-"""Most calls of a scenario."""
+"""Largest number of calls of a scenario."""
 
 
 @cache

@@ -24,7 +24,7 @@ def once(number: int, duration: int) -> Plan:
 
 
 class DeferredCall:
-    """A call of the clock; a call that comes due during a stall is made after it."""
+    """A call of the clock; a call that becomes due during a stall is made after the stall."""
 
     def __init__(self, clock: StalledClock, callback: Callback) -> None:
         self.clock = clock

@@ -17,7 +17,7 @@ from framekit.transport.clock import MOST, AsyncioClock, Callback, Turns
 
 LONGEST = 180
 FEW = 40
-"""Most pieces of noise that may be handled before other work; the flood has hundreds."""
+"""Largest number of pieces of noise that may be handled before other work; the flood has hundreds."""
 
 RUN = """
 run: flooded

@@ -51,7 +51,7 @@ TEN = bytes.fromhex("0001 0000 0017 01 03 14") + bytes(range(20))
 
 @pytest.fixture(autouse=True)
 def unused_definitions(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Load and compile definitions anew: compiled definitions keep facts of the frames of earlier tests."""
+    """Load and compile definitions again, since compiled definitions remember facts of the frames of earlier tests."""
     monkeypatch.setattr(definitions, "_kept", {})
     monkeypatch.setattr(codec, "_compiled", {})
 

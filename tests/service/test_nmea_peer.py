@@ -1,4 +1,4 @@
-"""pynmea2, an independent implementation, reads a simulated receiver on a real terminal, and writes sentences to read.
+"""pynmea2, an independent implementation, decodes a simulated receiver on a real terminal, and builds sentences for us.
 
 Skipped only if it is not installed.
 """

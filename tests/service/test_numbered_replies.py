@@ -28,7 +28,7 @@ WELL = 100 * SECOND
 def slow_world(name: str, late: int, overlapping: bool, **more: Any) -> tuple[LateWorld, list[str]]:
     """Return a world whose replies are late up to `WELL`, and its reports of slow stations.
 
-    `overlapping`: each reply is late by itself; else the device does one request after the other.
+    `overlapping`: each reply is delayed independently; else the device handles one request after the other.
     """
     more["reply_timeout"] = SECOND
     if overlapping:

@@ -37,7 +37,7 @@ LATE = (0, 0.5, 1.5, 6.5, 20)
 STALLS = (0.1, 0.4, 1, 2, 5, 20, 60)
 """Durations of the stall (s)."""
 ROOMS = (1, 4, 64)
-"""The most bytes that a read returns: with few there are stalls between two reads of one frame."""
+"""Largest number of bytes that a read returns: with few bytes, stalls occur between two reads of one frame."""
 MANY = int(os.environ.get("FRAMEKIT_EXCHANGES") or many(600, 2000))
 
 

@@ -140,7 +140,10 @@ def test_a_lost_port_is_reported_until_values_come_again(tmp_path: Path, monkeyp
 
 
 def test_hundreds_of_points_that_fail_at_once_are_counted(tmp_path: Path) -> None:
-    """Each is refused by itself. The first report comes within seconds, the next has all of them."""
+    """The device refuses each point separately.
+
+    The first report follows within seconds, the second lists all points.
+    """
     points = "".join(f'  p{n:03}: {{channel: 1, address: "{40001 + 40 * n}", every: 20 s}}\n' for n in range(200))
     world = World(write(tmp_path, "{fault: error_reply, from: 100 ms, until: 200 s}", points))
     reports = world.run(80)

@@ -130,7 +130,7 @@ class SegmentWriter:
         return self.region(self.segments, self.scope)
 
     def region(self, segments: Segments, scope: FieldScope) -> Entries:
-        """Return the entries of a buffer: its segments, and the indexes of its variable middle and of its tail."""
+        """Return the entries of a region: its segments, and the Lua indexes of its variable part and of its tail."""
         front, middle, _ = parts_around(self.diagnosis.static, segments)
         if not middle:
             return {"of": self.listed(segments, scope), "front": None}

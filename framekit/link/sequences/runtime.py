@@ -175,7 +175,7 @@ class Machine:
         self.live = 0
         """The number of runs under way."""
         self.asking: Run | None = None
-        """The run whose `ask` step starts the exchanges of the present call."""
+        """The run whose `ask` step starts the exchanges of the current call; None if no `ask` step does."""
         self.flush: Callable[[], object] = receiver.flush
         """Drop bytes that are no frame yet; the engine's reception takes awaited frames among them first."""
 

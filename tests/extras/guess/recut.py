@@ -15,10 +15,7 @@ PAUSE = 25 * MS
 
 
 def timed(frames: Sequence[HeardBytes]) -> list[HeardBytes]:
-    """Return the frames one after the other with the times of a line of 9600 bits per second.
-
-    Each has the time of its last byte.
-    """
+    """Return the frames in sequence, with times of a line of 9600 bits per second: that of the last byte of each."""
     now, found = 1_000 * MS, list[HeardBytes]()
     for frame in frames:
         now += PAUSE + len(frame.data) * CHARACTER
