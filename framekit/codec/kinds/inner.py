@@ -69,11 +69,14 @@ class InnerKind(FrameInside[Inner]):
 
     def tasks(self, w: EncodeWriter, segment: Inner, scope: FieldScope, given: ConsumedValues) -> list[Task]:
         name, waits = segment.name, w.waits(segment.when)
+        is_read = name in w.values_read
         tasks = [Task((name,), waits, lambda _: w.plain_given(segment, scope, given))]
+        if is_read:
+            tasks = [Task((name, f"bytes of {segment.path}"), waits, lambda _: _read_back(w, segment, scope, given))]
         fixed = isinstance(segment.size, int) and any(
             w.static.frame(one).fixed != segment.size for one in segment.frames
         )
-        if segment.path in w.asked_for or isinstance(segment.size, Expression) or fixed:
+        if not is_read and (segment.path in w.asked_for or isinstance(segment.size, Expression) or fixed):
             wire = (f"bytes of {segment.path}",)
             tasks.append(Task(wire, waits | {name}, lambda _: w.put_into_local(segment, scope)))
         if isinstance(segment.size, Expression) or fixed:
@@ -152,6 +155,20 @@ class InnerKind(FrameInside[Inner]):
     def describe(self, segment: Inner) -> str:
         shown = ", ".join(segment.frames[:3]) + (", …" if len(segment.frames) > 3 else "")
         return f"{segment.name} (one of {shown})" if len(segment.frames) > 1 else f"{segment.name} ({shown})"
+
+
+def _read_back(w: EncodeWriter, segment: Inner, scope: FieldScope, given: ConsumedValues) -> None:
+    """Write the bytes of an inner frame into a local, and read the values from them that expressions use.
+
+    So the expressions have its computed values and constants too, as in a reader.
+    """
+    w.plain_given(segment, scope, given)
+    entry, choice = scope.entries[segment.name], w.module.choice(segment.frames, w.title, segment.name)
+    w.put_into_local(segment, scope)
+    local = w.names.fresh(f"{segment.name}_read")
+    text = f"{w.module.function('read_inside')}({choice}, {w.wires[segment.path]}, {entry.text}, ctx)"
+    w.add(f"{local} = {w.if_present(segment, scope, text, 'None')}")
+    entry.text = local
 
 
 def _has_size(m: MeasureWriter, segment: Inner | Nested, scope: FieldScope, size: str) -> None:

@@ -24,7 +24,7 @@ from framekit.codec.python.encode_plan import (
     sum_of,
 )
 from framekit.codec.python.expressions import FieldScope, NameEntry, constant_of, default_text
-from framekit.codec.python.facts import by_path, ending_constants, lengths_asked, size_follows_value
+from framekit.codec.python.facts import by_path, ending_constants, lengths_asked, size_follows_value, values_read
 from framekit.codec.python.forms import code_bytes, needs
 from framekit.codec.python.function import FunctionWriter, covers_later, on_the_wire
 from framekit.codec.python.module import Module
@@ -255,6 +255,8 @@ class EncodeWriter(FunctionWriter):
             path for segment in everything(segments) if isinstance(segment, Length) for path in segment.counted
         }
         """Segments whose bytes a length counts, and frames whose length an expression reads."""
+        self.values_read = values_read(segments) | self.fields_read
+        """Names and attributes of which expressions read more than the length."""
         measured = lengths_asked(segments)
         self.asked_for |= {one.path for one in everything(segments) if one.name in measured and one.frames_inside}
         """Segments whose bytes a length counts, and frames whose length an expression reads."""

@@ -150,17 +150,22 @@ def lengths_asked(segments: Iterable[Segment]) -> set[str]:
 
 def only_measured(segments: Iterable[Segment]) -> set[str]:
     """Return the names of which expressions in these segments read only the length."""
-    found, read = set[str](), set[str]()
+    return lengths_asked(segments) - values_read(segments)
+
+
+def values_read(segments: Iterable[Segment]) -> set[str]:
+    """Return the names of which expressions in these segments read more than the length."""
+    read = set[str]()
     left: list[Node] = [expression.root for expression in expressions_of(tuple(segments))]
     while left:
         match left.pop():
-            case Call(function="len", arguments=(Name(name=name),)):
-                found.add(name)
+            case Call(function="len", arguments=(Name(),)):
+                continue
             case Name(name=name):
                 read.add(name)
             case node:
                 left += children(node)
-    return found - read
+    return read
 
 
 def comes_with(path: str, number: Segment, segments: tuple[Segment, ...]) -> bool:

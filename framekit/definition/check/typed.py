@@ -38,7 +38,7 @@ from framekit.definition.model.frames import WIRE, Frame, certain, expressions_o
 from framekit.definition.model.procedure import Action, Row, Sequence, Step
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import Parameter, StateVariable
-from framekit.definition.model.segments import INDEX, LAST, PREVIOUS, Repeat
+from framekit.definition.model.segments import INDEX, LAST, PREVIOUS, Inner, Repeat
 from framekit.definition.model.services import ServiceRow
 from framekit.definition.model.values import FrameOf, Table, Value
 from framekit.definition.problems import Position, Problem, did_you_mean, plural
@@ -134,6 +134,8 @@ class KindChecker:
         self.named_numbers: frozenset[str] = frozenset()
         self.measured: frozenset[str] | None = None
         self.inside: frozenset[str] = frozenset()
+        self.frames_in: Mapping[str, Mapping[str, Collection[str]]] = {}
+        """For each inner frame the frames that it may be, with their fields; empty outside of frames."""
 
     def wants(self, expression: Expression | None, wanted: Kind) -> None:
         """Note problems inside an expression, and a kind other than `wanted`. A 0 is a time too."""
@@ -216,6 +218,7 @@ class KindChecker:
                 return "any"
             if is_line and node.name != "speed":
                 self._inside(node.at, f"the line has no '{node.name}'", "write line.speed if that is meant")
+            self._in_inner_frame(node)
             columns = self._columns(node.value)
             if columns is not None and node.name not in columns:
                 what = "has" if columns else "holds no rows with names, so there is"
@@ -229,6 +232,20 @@ class KindChecker:
         if self._is_whole(node):
             return "any"
         return field_kinds(holder.members).get(node.name, "any") if holder.is_one else "list"
+
+    def _in_inner_frame(self, node: Attribute) -> None:
+        """Note an attribute of an inner frame that names none of its frames, or no field of the named frame."""
+        match node.value:
+            case Name(name=inner) if inner in self.frames_in and node.name not in self.frames_in[inner]:
+                frames = self.frames_in[inner]
+                having = next((frame for frame, fields in frames.items() if node.name in fields), "")
+                todo = f"write {inner}.{having}.{node.name}" if having else did_you_mean(node.name, frames)
+                self._inside(node.at, f"'{inner}' may be no frame '{node.name}'", todo)
+            case Attribute(value=Name(name=inner), name=frame) if frame in self.frames_in.get(inner, {}):
+                fields = self.frames_in[inner][frame]
+                if frame != "unknown" and node.name not in fields:
+                    what = f"the frame '{frame}' has no '{node.name}'"
+                    self._inside(node.at, what, did_you_mean(node.name, fields))
 
     def _columns(self, node: Node) -> Collection[str] | None:
         """Return the names in the rows of the table from which a row is taken."""
@@ -379,6 +396,8 @@ class KindChecker:
     def _membership(self, item: Node, holder: Node, left: Kind, right: Kind) -> None:
         if right in ("number", "time"):
             self._inside(holder.at, f"{WORDS[right]} holds nothing", "write a list: [1, 2]")
+        elif isinstance(holder, Name) and holder.name in self.frames_in and isinstance(item, Text):
+            self._in_inner_frame(Attribute(item.at, holder, item.value))
         elif isinstance(holder, List):
             for one in holder.items:
                 kind = self._kind(one)
@@ -602,6 +621,7 @@ class _Kinds:
         outer: Mapping[str, Kind],
         outer_held: Mapping[str, _Held] = MappingProxyType({}),
         outer_measured: frozenset[str] = frozenset(),
+        outer_frames: Mapping[str, Mapping[str, Collection[str]]] = MappingProxyType({}),
     ) -> None:
         own = field_kinds(segments)
         always = (one for one, is_present in certain(segments) if is_present and one.when is None and one.frames_inside)
@@ -610,14 +630,23 @@ class _Kinds:
         checker = self._checker(local)
         checker.holders = {**{name: held for name, held in outer_held.items() if name not in own}, **held_in(segments)}
         checker.named_numbers, checker.measured = named_numbers(segments), measured
+        frames_in = {name: frames for name, frames in outer_frames.items() if name not in own}
+        known = self.protocol.frames
+        for one in flat(segments):
+            if isinstance(one, Inner):
+                frames = {name: field_names(known[name].segments) for name in one.frames if name in known}
+                frames_in[one.name] = {**frames_in.get(one.name, {}), **frames, "unknown": {"data"}}
+        checker.frames_in = frames_in
         for segment in flat(segments):
             self._segment(checker, segment)
             if segment.is_list and segment.inner_record is not None:
                 words: dict[str, Kind] = {INDEX: "number", LAST: "number", PREVIOUS: "record"}
                 before = _Held("previous", segment.inner_record, is_one=True, is_item=True)
-                self._segments(segment.inner_record, local | words, checker.holders | {PREVIOUS: before}, measured)
+                self._segments(
+                    segment.inner_record, local | words, checker.holders | {PREVIOUS: before}, measured, frames_in
+                )
             elif segment.inner_record is not None:
-                self._segments(segment.inner_record, local, checker.holders, measured)
+                self._segments(segment.inner_record, local, checker.holders, measured, frames_in)
 
     def _segment(self, checker: KindChecker, segment: Segment) -> None:
         for expression, kind, values in segment.given():
