@@ -13,7 +13,7 @@ from typing import Any, Literal
 from framekit.api.errors import LineClosedError, RequestError
 from framekit.api.rows import FAULTY, FieldRow, FrameEntry, ascii_of, inner_names
 from framekit.codec.codec import Codec, compile_protocol
-from framekit.codec.contents import contents_of
+from framekit.codec.contents import Requests, contents_of
 from framekit.codec.plain import PlainValues
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import error_text, plural
@@ -114,6 +114,7 @@ class FrameLog:
         for channel, protocol in (protocols or {}).items():
             self.know(channel, protocol, None, {})
         self._entries: deque[FrameEntry] = deque(maxlen=kept)
+        self._requests = Requests()
 
     def know(self, channel: int, protocol: Protocol, role: str | None, params: Mapping[str, Any]) -> None:
         """Register a channel with its protocol."""
@@ -127,6 +128,7 @@ class FrameLog:
         if len(self._entries) == self._entries.maxlen:
             self.dropped += 1
         protocol, role, _ = self._channels[channel]
+        self._requests.attach(contents_of(protocol), seen, channel)
         self._entries.append(FrameEntry(self.last_number, channel, seen, result_of(protocol, seen, role)))
 
     def protocol(self, channel: int) -> Protocol:
@@ -175,7 +177,7 @@ def field_rows(codec: Codec, protocol: Protocol, seen: Seen, params: Mapping[str
     for path, start, end, value in spans:
         shown = plain.named(seen.frame, path, plain.to_plain("", {"": value})[""])
         rows.append(FieldRow(path, start, seen.raw[start:end], "" if shown is None else str(shown)))
-    content = contents_of(protocol, codec).rows(seen.frame, seen.fields)
+    content = contents_of(protocol, codec).rows(seen.frame, seen.fields, seen.request)
     return rows + [FieldRow(path, rows[-1].offset if rows else 0, b"", str(value)) for path, value in content]
 
 

@@ -42,7 +42,7 @@ SECOND = 1_000_000_000
 def decode_capture(protocol: Protocol, arguments: argparse.Namespace) -> int:
     """Print every frame; return 1 if the capture has bad frames or noise. Raises VerbError."""
     from framekit.api.monitor import decoder, result_of
-    from framekit.codec.contents import contents_of
+    from framekit.codec.contents import Requests, contents_of
 
     if arguments.to is not None and arguments.values is not None:
         raise WordsError("--to and --values write different tables – leave one of them out")
@@ -53,7 +53,7 @@ def decode_capture(protocol: Protocol, arguments: argparse.Namespace) -> int:
             raise WordsError(f"--{option} has no effect without --to – add --to OUT.parquet, or remove it")
     if arguments.values is not None:
         return int(load(OPTIONS["decode --values"])(protocol, arguments))
-    wanted, contents = filter_of(arguments), contents_of(protocol)
+    wanted, contents, requests = filter_of(arguments), contents_of(protocol), Requests()
     counts: Counter[str] = Counter()
     if matching(arguments.capture):
         raise WordsError(f"{arguments.capture}: a pattern needs --to OUT.parquet – add it, or name one file")
@@ -66,6 +66,7 @@ def decode_capture(protocol: Protocol, arguments: argparse.Namespace) -> int:
             for channel, seen in found.seen():
                 if seen.kind != "noise" or not seen.reason:  # the rest of a bad frame is a part of it
                     counts[seen.kind] += 1
+                requests.attach(contents, seen, channel)
                 if not wanted.takes(channel, seen):
                     continue
                 if arguments.json:
@@ -106,7 +107,7 @@ def counted(counts: Mapping[str, int]) -> str:
 def _text(contents: Contents, channel: int, seen: Seen, as_ascii: bool) -> str:
     """Return the line of a frame and, below it, its fields."""
     text = seen_text(seen, time_text(seen.at), f"ch {channel}", as_ascii)
-    fields = contents.to_plain(seen.frame, seen.fields)
+    fields = contents.to_plain(seen.frame, seen.fields, seen.request)
     shown = "  ".join(f"{name}={_plain(value)}" for name, value in fields.items())
     return f"{text}\n{'':10}{shown}" if shown else text
 

@@ -601,8 +601,8 @@ def seen_data(seen: Seen, seconds: float, contents: Contents, **more: Any) -> di
         "frame": seen.frame,
         "size": len(seen.raw) or "",
         "bytes": spaced(seen.raw),
-        "fields": contents.to_plain(seen.frame, seen.fields),
-        "names": contents.names(seen.frame, seen.fields),
+        "fields": contents.to_plain(seen.frame, seen.fields, seen.request),
+        "names": contents.names(seen.frame, seen.fields, seen.request),
         "reason": seen.reason,
         "repeated": seen.repeated or "",
     }

@@ -73,18 +73,19 @@ class _Printer:
     """Print the events that pass the filter: frames with the side that sends them and their fields, or their bytes."""
 
     def __init__(self, protocol: Protocol, arguments: argparse.Namespace) -> None:
-        from framekit.codec.contents import contents_of
+        from framekit.codec.contents import Requests, contents_of
 
         self.protocol = protocol
         self.began = 0
         self._json, self._ascii = arguments.json, arguments.ascii
         self._shows_fields = not (arguments.bytes or arguments.ascii)
-        self._contents = contents_of(protocol)
+        self._contents, self._requests = contents_of(protocol), Requests()
         self._wanted = filter_of(arguments)
 
     def show(self, seen: Seen) -> None:
         from framekit.api.monitor import result_of
 
+        self._requests.attach(self._contents, seen)
         if seen.kind not in ("open", "closed") and not self._wanted.takes(1, seen):
             return
         seconds = (seen.at - self.began) / 1e9
@@ -104,7 +105,7 @@ class _Printer:
         side = "" if frame is None else frame.side
         arrow = {"client": "→", "server": "←"}.get(side, ARROWS[seen.direction])
         place = f"{seen.client} {arrow}" if seen.client else arrow
-        fields = self._contents.with_names(seen.frame, seen.fields)
+        fields = self._contents.with_names(seen.frame, seen.fields, seen.request)
         return f"{seconds:10.3f}  {place} {seen.frame} {fields_text(fields)}".rstrip()
 
     def summary(self, monitor: LineMonitor) -> None:

@@ -6,6 +6,7 @@ import sys
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import asdict, replace
+from functools import cached_property
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
@@ -62,6 +63,7 @@ if TYPE_CHECKING:
         TroubleReport,
     )
     from framekit.cli.live_output import LiveOutput
+    from framekit.codec.contents import Requests
 
 
 LOAD_HEAD = ("block", "what", "starts", "frames", "bytes", "takes", "load", "note")
@@ -421,6 +423,12 @@ class TextOutput(RunOutput):
 class JsonOutput(RunOutput):
     """Print one JSON object a line: values and events, then `block`, `point` and `channel` objects at the end."""
 
+    @cached_property
+    def _requests(self) -> Requests:
+        from framekit.codec.contents import Requests
+
+        return Requests()
+
     def value_lines(self, values: ValueChanges, changes: list[Change]) -> Iterable[tuple[int, str]]:
         return values.json_lines(changes)
 
@@ -433,6 +441,7 @@ class JsonOutput(RunOutput):
             number, seen = record[0], seen_of(record)
             channel = self._channels[number]
             result, contents = result_of(channel.protocol, seen, channel.role), contents_of(channel.protocol)
+            self._requests.attach(contents, seen, number)
             line = seen_data(seen, self.seconds(seen.at), contents, channel=number, result=result)
             yield json_line(line)
 

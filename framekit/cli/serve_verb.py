@@ -8,6 +8,7 @@ import contextlib
 import sys
 import time
 from collections.abc import Iterable
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from framekit.cli.common import (
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from framekit import AsyncServer, Seen
     from framekit.api.monitor import LiveView
     from framekit.api.server import Device
+    from framekit.codec.contents import Requests
 
 
 def add_serve_arguments(parser: argparse.ArgumentParser) -> None:
@@ -301,6 +303,12 @@ class TextServeOutput(ServeOutput):
 class JsonServeOutput(ServeOutput):
     """Output as JSON, one object a line."""
 
+    @cached_property
+    def _requests(self) -> Requests:
+        from framekit.codec.contents import Requests
+
+        return Requests()
+
     def data(self, line: dict[str, Any]) -> None:
         self.line(json_line(line))
 
@@ -315,9 +323,11 @@ class JsonServeOutput(ServeOutput):
     def show(self, device: Device, seen: Seen) -> None:
         from framekit.codec.contents import contents_of
 
+        contents = contents_of(device.protocol)
+        self._requests.attach(contents, seen, self.server.port)
         is_answer = seen.direction == "out" and device.own is not None
         station = {"station": plain(device.own)} if is_answer else {}
-        self.data(seen_data(seen, self.seconds(seen.at), contents_of(device.protocol), **station))
+        self.data(seen_data(seen, self.seconds(seen.at), contents, **station))
 
     def summary(self) -> None:
         for one in self.server.status():

@@ -104,11 +104,12 @@ class Seen:
     for. `reason`: the cause of a bad frame, or words. `place` is the byte of a bad frame where the fault is.
     `repeated`: the same bytes were sent before. `fields` are made when they are asked for; `computed` reads them from
     the bytes of a frame that was sent. `client`: the other side, HOST:PORT, where several can be on one port.
+    `request`: the fields of the frame that this one answers, where a display found them (`codec.contents.Requests`).
     """
 
     __slots__ = (
         "_computed", "_fields", "at", "client", "direction", "frame", "kind", "place", "raw", "reason", "repeated",
-        "segment", "started_at",
+        "request", "segment", "started_at",
     )  # fmt: skip
 
     def __init__(
@@ -122,6 +123,7 @@ class Seen:
         self._fields: Mapping[str, Any] = _NOTHING if fields is None else fields
         self._computed = computed
         self.client = ""
+        self.request: Mapping[str, Any] | None = None
 
     @property
     def fields(self) -> dict[str, Any]:

@@ -7,9 +7,12 @@ from pathlib import Path
 import pytest
 
 from framekit.api.check import check_file
+from framekit.api.monitor import FrameLog
 from framekit.codec.codec import compile_protocol
-from framekit.codec.contents import contents_of
+from framekit.codec.contents import Requests, contents_of
 from framekit.definition.load.protocol import load_protocol_text
+from framekit.definition.problems import DefinitionError
+from framekit.link.events import Seen
 from framekit.runfile.run_file import load_run
 from framekit.service.run import RunService
 from framekit.transport.clock import VirtualClock
@@ -59,7 +62,7 @@ def test_numbers_in_it_have_names() -> None:
         ("{kind: {1: pear}}", "there is no layout 'pear'"),
         ("{kind: {1: d}}", "'d' is a value of 'f' already"),
         ("{kind: {x: pair}}", "'x' is not a whole number"),
-        ("{}", "this does not name one value"),
+        ("{}", "this is not one expression with layouts"),
     ],
 )
 def test_wrong_contents_are_problems(tmp_path: Path, shows: str, problem: str) -> None:
@@ -115,3 +118,72 @@ def test_monitors_show_the_data_messages_of_snp(tmp_path: Path) -> None:
     ]  # fmt: skip
     faults = contents.with_names("data_message", messages[1].fields)["plc_fault_table"]["faults"]
     assert faults[0]["group"] == "18 (low CPU battery)"
+
+
+def test_monitors_show_the_text_beside_mailboxes_of_srtp(tmp_path: Path) -> None:
+    device = PLC.replace("protocol: snp\nstation: A1\nparams: {use_break: no}", "protocol: srtp")
+    (tmp_path / "plc.device.yaml").write_text(device, encoding="utf-8")
+    path = tmp_path / "shown.run.yaml"
+    channel = "protocol: snp, station: A1, params: {use_break: no}"
+    path.write_text(RUN.replace(channel, "protocol: srtp, params: {allow: everything}"), encoding="utf-8")
+    clock = VirtualClock()
+    run = load_run(path)
+    protocol = run.channels[1].protocol
+    log = FrameLog({1: protocol})
+    service = RunService(run, clock, monitor=log.add)
+    service.start()
+    clock.run_for(5_000_000_000)
+    assert all(block.done for block in service.status())
+    contents = contents_of(protocol)
+    seen = [entry.seen for entry in log.since(0) if entry.seen.frame == "reply_pdu" and entry.seen.fields.get("text")]
+    shown = [[*contents.to_plain(one.frame, one.fields, one.request).keys() - one.fields.keys()] for one in seen]
+    assert shown == [
+        ["time_date"], ["plc_fault_table"], ["io_fault_table"], ["controller"], ["name_list"], ["datagram_values"], [],
+    ]  # fmt: skip
+    names = contents.names("reply_pdu", seen[1].fields, seen[1].request)
+    assert names["plc_fault_table.faults[0].group"] == "low CPU battery"
+    assert not {*contents.to_plain("reply_pdu", seen[1].fields)} - {*seen[1].fields}  # without the request: bytes
+
+
+ASKED = """protocol: answered
+layouts:
+  clock: [{field: hour, type: u8}, {field: minute, type: u8}]
+  alarm: [{field: place, type: u8}, {field: kind, type: u8, values: {1: low, 2: high}}]
+groups: {order: {}}
+frames:
+  clock_order: {group: order, body: [{const: 01}, {value: what, read: 1}]}
+  alarm_order: {group: order, body: [{const: 02}, {value: what, read: 2}]}
+  ask:  {from: client, body: [{const: 05}, {field: n, type: u8}, {inner: order, of: order}]}
+  tell:
+    from: server
+    echo: {n: request.n + 1}
+    body: [{const: 02}, {field: n, type: u8}, {data: d, size: 2, shows: {request.order.what: {1: clock, 2: alarm}}}]
+"""
+
+
+def test_a_display_finds_the_request_by_the_values_that_a_frame_echoes() -> None:
+    protocol = load_protocol_text(ASKED)
+    contents, requests = contents_of(protocol), Requests()
+
+    def heard(frame: str, fields: dict[str, object], client: str = "", channel: int = 1) -> Seen:
+        seen = Seen("in", "frame", 0, b"", frame, fields)
+        seen.client = client
+        requests.attach(contents, seen, channel)
+        return seen
+
+    def shown(seen: Seen) -> set[str]:
+        return {*contents.to_plain(seen.frame, seen.fields, seen.request)} - {*seen.fields}
+
+    heard("ask", {"n": 4, "order": {"alarm_order": {"what": 2}}})
+    heard("ask", {"n": 5, "order": {"clock_order": {"what": 1}}})
+    heard("ask", {"n": 5, "order": {"alarm_order": {"what": 2}}}, channel=2)
+    assert shown(heard("tell", {"n": 5, "d": b"\x05\x01"})) == {"alarm"}
+    assert shown(heard("tell", {"n": 6, "d": b"\x05\x01"})) == {"clock"}
+    assert shown(heard("tell", {"n": 6, "d": b"\x05\x01"}, channel=2)) == {"alarm"}
+    assert shown(heard("tell", {"n": 9, "d": b"\x05\x01"})) == set()
+    assert shown(heard("tell", {"n": 6, "d": b"\x05\x01"}, client="other")) == set()
+
+
+def test_only_values_of_the_frame_and_its_request_choose_a_layout() -> None:
+    with pytest.raises(DefinitionError, match="'tell' has no value 'reply'"):
+        load_protocol_text(ASKED.replace("request.order.what", "reply.what"))

@@ -6,7 +6,8 @@ from collections.abc import Iterator, Sequence
 from functools import cached_property
 
 from framekit.definition.codings import Hex
-from framekit.definition.expression import Expression, Logic, names_in
+from framekit.definition.expression import Expression, Logic, Name, names_in, walk
+from framekit.definition.kinds.data import REQUEST
 from framekit.definition.model.frames import (
     WIRE,
     Frame,
@@ -107,14 +108,16 @@ def _keys(protocol: Protocol, frame: Frame, ends: FrameEnds) -> Iterator[Problem
 
 
 def _shown_as(frame: Frame) -> Iterator[Problem]:
-    """Report `shows:` of bytes that names no value of the frame, or a layout with the name of one of its values."""
+    """Report unknown values that `shows:` of bytes reads, and layouts with the name of a value of the frame."""
     known = by_value_name(frame.segments)
     for data in flat(frame.segments):
         if not isinstance(data, Data) or data.shows is None:
             continue
-        if data.shows.by not in known:
-            what = f"'{frame.name}' has no value '{data.shows.by}'"
-            yield Problem(data.at, what, did_you_mean(data.shows.by, known) or "name a value with the number")
+        for node in walk(data.shows.by):
+            if isinstance(node, Name) and node.name not in known and node.name != REQUEST:
+                what = f"'{frame.name}' has no value '{node.name}'"
+                todo = did_you_mean(node.name, known) or "name a value with the number, or request"
+                yield Problem(data.at, what, todo)
         for shown in data.shows.layouts.values():
             if shown.layout in known:
                 what = f"'{shown.layout}' is a value of '{frame.name}' already"

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from framekit.definition.expression import Expression
+from framekit.definition.expression import Node as ExpressionNode
 from framekit.definition.keys import ADDRESS, BYTE, IDENTIFIER, NUMBER, Form, KeyReading, ValueKind, key, ref, words
 from framekit.definition.kinds.base import Contents, Segment, constant_number
 from framekit.definition.problems import Position, Problem
@@ -46,12 +47,16 @@ def _bytes(reading: KeyReading, node: Node) -> bytes:
     return bytes(sorted({*found}))
 
 
+REQUEST = "request"
+"""The name of the frame that a frame answers, in `shows:`."""
+
+
 @dataclass(frozen=True, slots=True)
 class ShownAs:
-    """The layout that displays read bytes as, chosen by a number of the same frame."""
+    """The layout that displays read bytes as, chosen by a number."""
 
-    by: str
-    """The value with the number."""
+    by: ExpressionNode
+    """Computes the number from values of the frame, and from those of `request`, the frame that it answers."""
     layouts: Mapping[int, LayoutName]
 
 
@@ -66,12 +71,13 @@ class LayoutName:
 def _shows(reading: KeyReading, node: Node) -> ShownAs:
     reader, entries = reading.reader, reading.reader.mapping(node).read_all()
     if len(entries) != 1:
-        raise reader.broken(node.at, "this does not name one value", "write {VALUE: {NUMBER: LAYOUT}}")
+        raise reader.broken(node.at, "this is not one expression with layouts", "write {EXPR: {NUMBER: LAYOUT}}")
+    by = reader.expression_text(entries[0].key.text, entries[0].key.at)
     layouts: dict[int, LayoutName] = {}
     for entry in reader.entries(entries[0].value):
         with reader.going_on():
             layouts[reader.number(entry.key)] = LayoutName(reader.text(entry.value), entry.value.at)
-    return ShownAs(entries[0].key.text, layouts)
+    return ShownAs(by.root, layouts)
 
 
 SHOWS = Form(
@@ -129,7 +135,7 @@ class Data(Segment):
     shows: ShownAs | None = key(
         "shows",
         SHOWS,
-        "VALUE: {NUMBER: LAYOUT}: displays read the bytes as this layout where the value of the frame is the number.",
+        "EXPR: {NUMBER: LAYOUT}: displays read the bytes as this layout where the expression is the number.",
         default=None,
     )
 

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 from framekit.api.errors import RequestError
 from framekit.api.monitor import FrameFilter, decoder, result_of
 from framekit.codec.codec import compile_protocol
-from framekit.codec.contents import contents_of
+from framekit.codec.contents import Requests, contents_of
 from framekit.definition.load.protocol import load_protocol
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import DefinitionError, library_missing
@@ -239,7 +239,7 @@ class _Rows:
     """Rows that wait to be written."""
 
     def __init__(self, protocol: Protocol, capture: str) -> None:
-        self._protocol, self._contents = protocol, contents_of(protocol)
+        self._protocol, self._contents, self._requests = protocol, contents_of(protocol), Requests()
         self._capture = capture
         self._rows: list[tuple[Any, ...]] = []
 
@@ -249,7 +249,8 @@ class _Rows:
 
     def add(self, channel: int, seen: Seen) -> None:
         """Add an event."""
-        fields = self._contents.to_plain(seen.frame, seen.fields)
+        self._requests.attach(self._contents, seen, channel)
+        fields = self._contents.to_plain(seen.frame, seen.fields, seen.request)
         is_bad = seen.kind == "bad"
         self._rows.append(
             (

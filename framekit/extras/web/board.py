@@ -136,7 +136,7 @@ class WebBoard:
         """Return the decoded fields of a frame in one line, each number with its name."""
         protocol = self.shown.log.protocol(entry.channel)
         try:
-            fields = contents_of(protocol).with_names(entry.seen.frame, entry.seen.fields)
+            fields = contents_of(protocol).with_names(entry.seen.frame, entry.seen.fields, entry.seen.request)
         except EVALUATION_ERRORS as error:  # a frame may contain anything
             return explain(error)
         text = fields_text(fields, named=False)
