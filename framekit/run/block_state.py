@@ -231,7 +231,7 @@ class BlockState:
         "armed", "at_station", "block", "chain", "companions", "dead", "done", "effective", "failed", "given",
         "has_station", "id", "key", "lane", "last_end", "last_failure", "overruns", "period", "probing",
         "reasons", "round", "running", "set_on", "started", "started_at", "starts", "starts_left", "switched_on",
-        "waiting",
+        "took", "waiting",
     )  # fmt: skip
 
     def __init__(self, block: Block) -> None:
@@ -264,6 +264,8 @@ class BlockState:
         self.starts_left = block.repeat
         self.armed: ArmedTriggers | None = None
         self.started_at = 0
+        self.took = 0
+        """Duration of the last exchange (ns)."""
         self.last_failure: Failure | None = None
         self.reasons: Counter[str] = Counter()
         """Number of failures, by outcome."""
@@ -305,7 +307,7 @@ class BlockState:
             self.failed += 1
             self.reasons[failure.outcome] += 1
             self.last_failure = replace(failure, at=now)
-        self.last_end = now
+        self.last_end, self.took = now, now - self.started_at
 
     def reset(self) -> None:
         """Set everything as at the start of the run; a running exchange stays counted."""

@@ -15,7 +15,7 @@ from typing import TypeVar
 from framekit.definition.model.protocol import Protocol
 from framekit.link.addresses import Address
 from framekit.link.events import Tape
-from framekit.link.slow import SlowStation, key_of
+from framekit.link.slow import SlowStation
 from framekit.memory.clock_bits import SystemBits
 from framekit.run.block_state import BlockState, BlockStatus, Failure
 from framekit.run.block_words import BlockMemory, SettingError, status_of
@@ -24,7 +24,7 @@ from framekit.run.model import POINTS_SET, Block, Channel, Point, RunModel
 from framekit.run.own_memory import AddressedMemory, addresses_of
 from framekit.run.scheduler import Scheduler
 from framekit.run.triggers import awaited_bits
-from framekit.run.trouble import Troubles, TroubleSource, listed_troubles
+from framekit.run.trouble import Troubles, listed_troubles
 from framekit.runfile.devices import put_values
 from framekit.service.channel import (
     ChannelOwner,
@@ -38,6 +38,7 @@ from framekit.service.channel import (
 )
 from framekit.service.client import ClientService
 from framekit.service.device import DeviceService
+from framekit.service.line_delays import LineDelays
 from framekit.service.points import PointService
 from framekit.service.run_jobs import ResolveHost, RunJobs, jobs_at_work
 from framekit.service.run_loop import RunLoop
@@ -192,9 +193,9 @@ class RunService(ChannelOwner):
         host = SinkHost(run.name, clock, self.points, partial(run_status, self))
         self.troubles = Troubles(clock.now)
         self._standstill = Standstill(clock, self.troubles, run.name)
-        self._slow: dict[tuple[int, Hashable], TroubleSource] = {}
-        """Trouble of stations that answer after the time limit, by channel and station."""
+        self.delays = LineDelays(self.troubles, clock, lambda: self.states.values(), self._is_in_step)
         self.values = ValueTroubles(self.troubles, clock, self)
+        self.delays.on_explained = self.values.explained
         self.points.table.on_quality = self._point_changed
         self.sinks = SinkService(run.sinks, run.points, self.points.table, clock, host, self.troubles)
         self.keeper = self._keeper()
@@ -266,17 +267,7 @@ class RunService(ChannelOwner):
 
     def slow(self, channel: int, station: SlowStation, is_slow: bool) -> None:
         """Report that a station answers too late, again when its time changes, and when it answers in time."""
-        key = channel, key_of(station.station)
-        source = self._slow.get(key)
-        if source is None:
-            well = f"{station.who} answers in time again"
-            source = self._slow[key] = self.troubles.source(f"channel {channel}", unit="", well=well, is_file=False)
-        if not is_slow:
-            source.ends()
-        elif source.reason:
-            source.changes(str(station))
-        else:
-            source.begins(str(station))
+        self.delays.slow(channel, station, is_slow)
 
     def waits(self, channel: int, station: Hashable, until: int) -> None:
         """Report that no request is sent to a station before `until`, because late replies may come."""
@@ -349,6 +340,15 @@ class RunService(ChannelOwner):
             for state in states
             if state.enabled and state.period and (state.waiting or state.running or state.dead)
         ]
+
+    def _is_in_step(self, channel: int) -> bool:
+        """Return whether no late reply may come on a channel."""
+        at_work = self.channels.get(channel)
+        return at_work is not None and at_work.engine.late.state_at(self.clock.now()) == "in step"
+
+    def is_explained(self, channel: int) -> bool:
+        """Return whether a reported trouble of a channel explains that values are too old."""
+        return self.delays.explains(channel)
 
     def under_way(self, channel: int, station: Hashable) -> str:
         """Describe the replies to the exchange under way that could not be used; '' without such replies."""
@@ -584,7 +584,7 @@ class RunService(ChannelOwner):
         """Return the parts that fail now or have lost data: a state that cannot be written, sinks that take no
         values. Of many parts the first are listed, and the others are one line.
         """
-        of_lines = {source.name for source in self._slow.values()} | self.values.names
+        of_lines = self.delays.names | self.values.names
         return listed_troubles([trouble for trouble in self.troubles.present() if trouble.name not in of_lines])
 
     @property

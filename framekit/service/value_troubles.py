@@ -24,10 +24,11 @@ from framekit.run.model import POINTS_SET, Block, Point, RunModel
 from framekit.run.trouble import SECOND, Troubles, remedy_of
 from framekit.transport.clock import Clock, Handle
 
-GATHER, GATHER_OLD = SECOND, 3 * SECOND
+GATHER, GATHER_OLD, GATHER_WAIT = SECOND, 3 * SECOND, 5 * SECOND
 """Failures of a station within this time are one report (ns).
 
-The second time: after values that are too old, because the exchange under way may fail and show why.
+The second time: after values that are too old, because the exchange under way may fail and show why. The third: after
+the begin of a wait for late replies, because they may come and show how slow the station is.
 """
 LASTS = 10 * SECOND
 """A trouble that comes and goes is reported when it has lasted for this time (ns)."""
@@ -147,7 +148,7 @@ class Part:
         if known is not None and known.kind == cause.kind:
             return
         if self._timer is None or not self.source.reason:
-            delay = {PORT: 0, OLD: GATHER_OLD}.get(item[0], GATHER)
+            delay = {PORT: 0, OLD: GATHER_OLD, WAIT: GATHER_WAIT}.get(item[0], GATHER)
             self._report_at(self._clock.now() + delay)
 
     def well(self, item: Item, sentence: str = "") -> None:
@@ -184,8 +185,29 @@ class Part:
         """Report at once the trouble that waits for its report; no report follows."""
         if self._timer is not None:
             self._cancel()
-            if not self.source.reason:
+            if not (self.source.reason or self._is_explained()):
                 self._begin()
+
+    def explained(self) -> None:
+        """Report this trouble no longer if the trouble of its line explains it."""
+        if self.source.reason and self._is_explained():
+            self.source.forget()
+            self._report_at(self._clock.now() + LASTS)
+
+    def _waits_for_cause(self, now: int) -> bool:
+        """Return whether the report is put off: a trouble of the line explains it, or late replies soon may."""
+        if self._is_explained():
+            self._report_at(now + LASTS)
+            return True
+        kinds = {kind for kind, _ in self.failing}
+        if WAIT in kinds and kinds <= FOLLOWING and now < self._since + GATHER_WAIT:
+            self._report_at(self._since + GATHER_WAIT)
+            return True
+        return False
+
+    def _is_explained(self) -> bool:
+        """Return whether values are only too old, or wait, and a reported trouble of the line explains it."""
+        return all(kind in FOLLOWING for kind, _ in self.failing) and self._owner.is_explained(self.key)
 
     def _look_soon(self) -> None:
         """Bring the reason up to date soon, after an item has gone; its cause may have been that of no other item."""
@@ -214,6 +236,8 @@ class Part:
         self._timer = None
         now = self._clock.now()
         if not self.failing:
+            return
+        if not self.source.reason and self._waits_for_cause(now):
             return
         if not self.source.reason:
             comes_and_goes = len(self._begun) == OFTEN and now - self._begun[0] < SOON
@@ -353,6 +377,9 @@ class WatchedRun(Protocol):
     def overdue(self, blocks: Iterable[int], since: int) -> list[int]:
         """Return the blocks that wait since before a time; no block, if a block has ended well since."""
 
+    def is_explained(self, channel: int) -> bool:
+        """Return whether a reported trouble of a channel explains that values are too old."""
+
     def under_way(self, channel: int, station: Hashable) -> str:
         """Describe the replies to the exchange under way that could not be used; '' without such replies."""
 
@@ -486,6 +513,16 @@ class ValueTroubles:
     def under_way(self, key: PartKey) -> str:
         """Describe the replies to the exchange under way of a part that could not be used."""
         return self._line.under_way(key[0], key[1])
+
+    def is_explained(self, key: PartKey) -> bool:
+        """Return whether a reported trouble of the line of a part explains that its values are too old."""
+        return self._line.is_explained(key[0])
+
+    def explained(self, channel: int) -> None:
+        """Note a trouble of a line that explains old values; they are not reported while it lasts."""
+        for key, part in self._parts.items():
+            if key[0] == channel and part.failing:
+                part.explained()
 
     def has_other_trouble(self, key: PartKey) -> bool:
         """Return whether the other part of the same channel and station has a trouble."""

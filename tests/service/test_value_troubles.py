@@ -485,3 +485,59 @@ def test_a_quick_station_on_the_line_makes_no_slow_station_slower(tmp_path: Path
     assert [text for text in reports if "answers after" in text] == [
         "channel 1: station 3 answers after 2.5 s: set reply_timeout to 3 s or more"
     ]
+
+
+def write_line(folder: Path, faults: dict[int, str], points: dict[str, str], settings: str = "") -> Path:
+    """Write a run whose channel 1 has a device of each station, with faults."""
+    for station, rules in faults.items():
+        device = f"device: d{station}\nprotocol: modbus-rtu\nstation: {station}\nmemory: {{set: {{40001: [7]}}}}\n"
+        (folder / f"d{station}.device.yaml").write_text(f"{device}faults: {{seed: 3, rules: [{rules}]}}\n")
+    port = "sim:" + ",".join(f"d{station}.device.yaml" for station in faults)
+    path = folder / "r.run.yaml"
+    listed = "".join(f"  {name}: {{channel: 1, {point}}}\n" for name, point in points.items())
+    path.write_text(f'run: r\nchannels:\n  1: {{port: "{port}", protocol: modbus-rtu{settings}}}\npoints:\n{listed}')
+    return path
+
+
+@pytest.mark.parametrize("retries", [0, 1, 2])
+@pytest.mark.parametrize("late", ["1500 ms", "3 s"])
+def test_two_slow_stations_are_two_troubles_for_ten_minutes(late: str, retries: int, tmp_path: Path) -> None:
+    """Their values are too old again and again, and their requests wait: consequences, and no reports of their own."""
+    rule = f"{{fault: delay, time: {late}, until: 600 s}}"
+    points = {"a": 'address: "40001", station: 1, every: 1 s', "b": 'address: "40001", station: 2, every: 1 s'}
+    settings = f", params: {{reply_timeout: 1 s, retries: {retries}}}"
+    world = World(write_line(tmp_path, {1: rule, 2: rule}, points, settings))
+    shown = {"1500 ms": "1.5 s: set reply_timeout to 2 s", "3 s": "3 s: set reply_timeout to 4 s"}[late]
+    slow = [f"channel 1: station {station} answers after {shown} or more" for station in (2, 1)]
+    begun = world.run(590)
+    assert [one for one in begun if "no reply" not in one] == slow
+    gets_values = {"1500 ms": 1, "3 s": 2}[late] <= retries
+    assert len(begun) == (2 if gets_values else 4), "a station without any value is another trouble"
+    assert ["; ".join(sorted(slow, reverse=True)).replace("; channel 1:", ";")] == [
+        one for one in world.shown if one.startswith("channel 1: ")
+    ]
+    ended = world.run(200)
+    assert len(ended) == len(begun) and all(" again after 1" in one for one in ended)
+    assert world.shown == []
+
+
+def test_more_reads_than_the_line_carries_are_reported_once(tmp_path: Path) -> None:
+    places = range(101, 4101, 100)
+    points = {f"p{place}": f'address: "4{place:04}", station: 1, every: 1 s' for place in places}
+    path = write_line(tmp_path, {1: ""}, points, ", speed: 2400")
+    world = World(path)
+    text = "channel 1: 40 reads take 4 s together and are due every 1 s: set every: to 5 s or more"
+    assert world.run(300) == [text] and world.shown == [text]
+    for number in list(world.service.states)[:32]:
+        world.service.enable(number, False)
+    (ended,) = world.run(300)
+    assert ended.startswith("channel 1: the line keeps up again after ") and world.shown == []
+
+
+def test_reads_with_different_periods_are_too_many_by_a_factor(tmp_path: Path) -> None:
+    points = {
+        f"p{at}": f'address: "4{at * 100 + 101:04}", station: {1 + at % 2}, every: {1 + at % 3} s' for at in range(80)
+    }
+    world = World(write_line(tmp_path, {1: "", 2: ""}, points, ", speed: 2400"))
+    text = "channel 1: 80 reads take 5.0 s of each second: set every: to 5.5 times as much or more"
+    assert world.run(300) == [text]
