@@ -199,3 +199,30 @@ def test_a_dead_station_costs_its_neighbours_a_few_readings(
     clock.run_for(90 * SECOND + SECOND // 2)
     done = [service.states[number].done for number in range(3)]
     assert done[1] == 0 and min(done[0], done[2]) >= 87 - retries // 2
+
+
+@pytest.mark.parametrize("retries", [0, 2])
+def test_only_the_first_failure_costs_its_neighbours_all_tries(retries: int, tmp_path: Path) -> None:
+    """Three stations are read each second, and one falls silent: the time between two values of the others."""
+    for station, rules in ((1, ""), (2, "{fault: no_reply, from: 20 s}"), (3, "")):
+        device = f"device: d{station}\nprotocol: modbus-rtu\nstation: {station}\nmemory: {{set: {{40001: [7]}}}}\n"
+        (tmp_path / f"d{station}.device.yaml").write_text(f"{device}faults: {{rules: [{rules}]}}\n")
+    path = tmp_path / "r.run.yaml"
+    path.write_text(
+        "run: r\nchannels:\n  1: {port: 'sim:d1.device.yaml,d2.device.yaml,d3.device.yaml', protocol: modbus-rtu, "
+        f"params: {{reply_timeout: 300 ms, retries: {retries}}}}}\npoints:\n"
+        + "".join(f"  p{one}: {{channel: 1, station: {one}, address: '40001', every: 1 s}}\n" for one in (1, 2, 3))
+    )
+    clock = VirtualClock()
+    ends: list[tuple[str, int]] = []
+    service = RunService(load_run(path), clock, on_end=lambda state, ok: ends.append((state.block.name, clock.now())))
+    service.start()
+    clock.run_for(100 * SECOND)
+    gaps = {
+        name: [(later - earlier, later) for earlier, later in pairwise(at for block, at in ends if block == name)]
+        for name in ("p1", "p3")
+    }
+    at_first = [gap for found in gaps.values() for gap, at in found if at < 21.5 * SECOND]
+    later = [gap for found in gaps.values() for gap, at in found if at >= 21.5 * SECOND]
+    assert max(at_first) <= SECOND + (retries + 1) * 320_000_000
+    assert max(later) <= SECOND + 320_000_000
