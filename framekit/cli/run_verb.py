@@ -119,6 +119,36 @@ def run_run(arguments: argparse.Namespace) -> int:
         return live.status
 
 
+def _refuse_pairs(arguments: argparse.Namespace) -> None:
+    """Raise WordsError for options that exclude each other."""
+    is_on_page = arguments.web is not None
+    real = "is for runs in real time – leave --virtual out"
+    in_lines = arguments.virtual and not arguments.screen
+    for is_wrong, what in (
+        (arguments.virtual and arguments.watch, f"--watch {real}"),
+        (in_lines and arguments.control, f"--control {real}"),
+        (arguments.virtual and is_on_page, f"--web {real}"),
+        (arguments.screen and is_on_page, "--web tells its address in a line – leave --screen out"),
+        (arguments.screen and arguments.watch, "--watch tells its edits in lines – leave --screen out"),
+    ):
+        if is_wrong:
+            raise WordsError(what)
+
+
+def _refuse_for_fleets(arguments: argparse.Namespace, *, has_token: bool) -> None:
+    """Raise WordsError for options that a run of a fleet cannot have; with a token, files are rolled out to the run."""
+    if arguments.screen:
+        raise WordsError("--screen is not for runs of a fleet – leave it out, or the key fleet")
+    for option, is_set in (
+        ("--capture", arguments.capture is not None),
+        ("--watch", arguments.watch),
+        ("--read-only", arguments.read_only),
+    ):
+        if is_set and has_token:
+            what = f"{option} is not for runs that files are rolled out to"
+            raise WordsError(f"{what} – leave it out, or the fleet's token")
+
+
 def _run(arguments: argparse.Namespace, live: LiveOutput | None) -> int:
     """Execute the run file, with `live` in real time; return the exit status. Raises VerbError, DefinitionError."""
     from framekit.api.check import loads_of
@@ -129,32 +159,15 @@ def _run(arguments: argparse.Namespace, live: LiveOutput | None) -> int:
     duration = duration_of(arguments.duration)
     if arguments.virtual and duration is None and not arguments.screen:
         raise WordsError("--virtual needs --for TIME")
+    _refuse_pairs(arguments)
     watch = RunWatch(arguments)
-    if arguments.virtual and arguments.watch:
-        raise WordsError("--watch is for runs in real time – leave --virtual out")
-    if arguments.virtual and arguments.control and not arguments.screen:
-        raise WordsError("--control is for runs in real time – leave --virtual out")
-    if arguments.virtual and arguments.web is not None:
-        raise WordsError("--web is for runs in real time – leave --virtual out")
-    if arguments.screen and arguments.web is not None:
-        raise WordsError("--web tells its address in a line – leave --screen out")
-    if arguments.screen and arguments.watch:
-        raise WordsError("--watch tells its edits in lines – leave --screen out")
     settle(arguments.run)
     began_with = Watched(arguments.run, content_of(arguments.run))
     loaded = load_run(arguments.run)
     if arguments.read_only:
         loaded = reads_only(loaded)
-    if loaded.fleet is not None and arguments.screen:
-        raise WordsError("--screen is not for runs of a fleet – leave it out, or the key fleet")
-    for option, given in (
-        ("--capture", arguments.capture is not None),
-        ("--watch", arguments.watch),
-        ("--read-only", arguments.read_only),
-    ):
-        if given and loaded.fleet is not None and loaded.fleet.token is not None:
-            what = f"{option} is not for runs that files are rolled out to"
-            raise WordsError(f"{what} – leave it out, or the fleet's token")
+    if loaded.fleet is not None:
+        _refuse_for_fleets(arguments, has_token=loaded.fleet.token is not None)
     if arguments.screen:
         session = RunSession(loaded, watch, virtual=arguments.virtual, duration=duration, controlled=arguments.control)
         return show(session)

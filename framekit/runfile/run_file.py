@@ -32,7 +32,7 @@ from framekit.run.model import (
     OwnPlace,
     RunModel,
 )
-from framekit.run.own_memory import AnyAddresses, addresses_of, stored_by
+from framekit.run.own_memory import AnyAddresses, OwnAddresses, addresses_of, stored_by
 from framekit.runfile.blocks import BlockLoader
 from framekit.runfile.channels import ChannelLoader
 from framekit.runfile.devices import check_profile, start_values
@@ -88,14 +88,7 @@ class RunLoader:
         if profile is not None:
             self.reader.problems.extend([*check_items(profile.flags.values()), *check_profile(profile)])
         grammar = AnyAddresses() if profile is None else addresses_of(profile)
-        channels: dict[int, Channel] = {}
-        for entry in self.reader.entries(self.root.get("channels")):
-            with self.reader.going_on():
-                channel = self.channels.channel(entry, grammar)
-                if channel.number in channels:
-                    self.reader.note(entry.key.at, f"there are two channels {channel.number}", "renumber one of them")
-                channels[channel.number] = channel
-        self.read_channels = tuple(channels.values())
+        channels = self._channels(grammar)
         known = {entry.key.text for entry in self.reader.entries(self.root.get("channels"))}
         jobs = self._jobs(grammar)
         if self.root.get("channels") is None and (jobs is None or (jobs != "wrong" and jobs.opening is None)):
@@ -144,6 +137,18 @@ class RunLoader:
             warnings=tuple(self._warnings()),
             at=self.root.at,
         )
+
+    def _channels(self, grammar: OwnAddresses) -> dict[int, Channel]:
+        """Return the channels by number, without those that have an error."""
+        channels: dict[int, Channel] = {}
+        for entry in self.reader.entries(self.root.get("channels")):
+            with self.reader.going_on():
+                channel = self.channels.channel(entry, grammar)
+                if channel.number in channels:
+                    self.reader.note(entry.key.at, f"there are two channels {channel.number}", "renumber one of them")
+                channels[channel.number] = channel
+        self.read_channels = tuple(channels.values())
+        return channels
 
     def _look_at(
         self, blocks: Sequence[Block], channels: MappingOf[int, Channel], profile: MemoryProfile, status: bool

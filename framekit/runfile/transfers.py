@@ -200,18 +200,23 @@ class TransferLoader:
             reader.note(given.at, "a read has no values to write", "leave values out")
         elif node is not None and given is not None:
             reader.note(given.at, "the block has values and an own place", "leave one of them out")
-        elif values is not None and len(values) not in (1, max(targets, count)):
-            wanted = max(targets, count)
-            what = f"{len(values)} values stand for {plural(wanted, 'place')}"
-            todo = f"give one value, or {wanted}" if wanted > 1 else "give one value"
-            if targets == 1:
-                todo += f", or write count: {len(values)}" if keys.get("count") else f", or add count: {len(values)}"
-            reader.note(keys.at, what, todo)
+        elif values is not None:
+            self._compare_numbers(keys, len(values), targets, count)
         own = len(reader.items(node))
         if own and own != targets:
             what = f"{targets} addresses of the other side stand against {own} own ones"
             reader.note(keys.at, what, "give as many of one as of the other")
         return places, values
+
+    def _compare_numbers(self, keys: Mapping, values: int, targets: int, count: int) -> None:
+        """Report a number of values that is neither 1 nor the number of elements to write."""
+        wanted = max(targets, count)
+        if values in (1, wanted):
+            return
+        todo = f"give one value, or {wanted}" if wanted > 1 else "give one value"
+        if targets == 1:
+            todo += f", or write count: {values}" if keys.get("count") else f", or add count: {values}"
+        self.reader.note(keys.at, f"{values} values stand for {plural(wanted, 'place')}", todo)
 
 
 class FrameBlockLoader:

@@ -110,7 +110,7 @@ class FaultInjector:
     def treat(self, data: bytes, character_time: int) -> Treated:
         """Apply the rules to a frame that is sent now."""
         name = self.frames.name_of(data) if any(rule.model.frame for rule in self.rules) else None
-        treated, pause, size = Treated(), 0, 0
+        treated, pieces = Treated(), _Pieces()
         for rule in self.rules:
             model = rule.model
             if model.kind in NOT_OF_FRAMES or model.is_window or not rule.fits(self.time, name):
@@ -128,14 +128,9 @@ class FaultInjector:
                     return treated
                 case "glue":
                     treated.held = True
-                case "delay":
-                    pause += model.time or 0
-                case "jitter":
-                    pause += rule.random.randint(0, model.time or 0)
-                case "split":
-                    size, gap = model.size or 1, model.time or 2 * character_time
-        pieces = [data] if not size else [data[at : at + size] for at in range(0, len(data), size)]
-        treated.pieces = [(gap if index else pause, piece) for index, piece in enumerate(pieces)]
+                case _:
+                    pieces.apply(rule, character_time)
+        treated.pieces = pieces.of(data)
         return treated
 
     def _changed(self, rule: RuleAtWork, data: bytes) -> bytes | None:
@@ -218,6 +213,33 @@ class RuleAtWork:
 
 
 GONE = "disconnected by the fault plan"
+
+
+@dataclass(slots=True)
+class _Pieces:
+    """The pause before a frame, and how it is split. Times in nanoseconds."""
+
+    pause: int = 0
+    size: int = 0
+    """Bytes of a piece; 0: the frame is one piece."""
+    gap: int = 0
+
+    def apply(self, rule: RuleAtWork, character_time: int) -> None:
+        """Apply a rule of the kinds delay, jitter and split; other kinds change nothing."""
+        model = rule.model
+        match model.kind:
+            case "delay":
+                self.pause += model.time or 0
+            case "jitter":
+                self.pause += rule.random.randint(0, model.time or 0)
+            case "split":
+                self.size, self.gap = model.size or 1, model.time or 2 * character_time
+
+    def of(self, data: bytes) -> list[tuple[int, bytes]]:
+        """Return the pieces of a frame with the pause before each."""
+        size = self.size
+        pieces = [data[at : at + size] for at in range(0, len(data), size)] if size else [data]
+        return [(self.gap if index else self.pause, piece) for index, piece in enumerate(pieces)]
 
 
 @dataclass(slots=True)

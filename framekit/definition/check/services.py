@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 
 from framekit.definition.check.addresses import PAIRED, is_odd, is_unit, units_in, units_of
 from framekit.definition.check.requests import (
@@ -134,23 +134,32 @@ def _never_fit(protocol: Protocol, made: FrameOf, frame: Frame) -> Iterator[Prob
     answers = [] if errors is None else [row.frame for row in errors.answer]
     codes = errors.memory if errors is not None and len(answers) == 1 and made is answers[0] else {}
     for name, value in made.fields.items():
-        if not isinstance(value, Expression):
-            continue
-        if isinstance(value.root, Real):
-            held = [one for one in parts_of(frame.segments, Segment) if name in one.value_names]
-            types = [one.type for one in held if isinstance(one, Field) and one.value_kind == "number"]
-            if types and not any(type_.has_fractions and type_.writes(value.root.value) for type_ in types):
-                what = f"{value} does not fit: '{name}' of '{frame.name}' holds no such fraction"
-                yield Problem(value.at, what, "correct one of them")
-        is_code = isinstance(value.root, Name) and value.root.name == "code"
-        numbers = [(constant_number(one), one.at) for one in (codes.values() if is_code else (value,))]
-        known = [(number, at) for number, at in numbers if number is not None]
-        spans = _spans(name, frame) if known else []
-        for number, at in known if spans else ():
-            if not any(low <= number <= high for low, high in spans):
-                low, high = spans[0]
-                what = f"{number} does not fit: '{name}' of '{frame.name}' holds {low} to {high}"
-                yield Problem(at, what, "correct one of them")
+        if isinstance(value, Expression):
+            yield from _fraction_never_fits(name, value, frame)
+            is_code = isinstance(value.root, Name) and value.root.name == "code"
+            yield from _numbers_never_fit(name, codes.values() if is_code else (value,), frame)
+
+
+def _fraction_never_fits(name: str, value: Expression, frame: Frame) -> Iterator[Problem]:
+    """Report a number with a fraction that no field of this name can hold."""
+    if not isinstance(value.root, Real):
+        return
+    held = [one for one in parts_of(frame.segments, Segment) if name in one.value_names]
+    types = [one.type for one in held if isinstance(one, Field) and one.value_kind == "number"]
+    if types and not any(type_.has_fractions and type_.writes(value.root.value) for type_ in types):
+        what = f"{value} does not fit: '{name}' of '{frame.name}' holds no such fraction"
+        yield Problem(value.at, what, "correct one of them")
+
+
+def _numbers_never_fit(name: str, values: Iterable[Expression], frame: Frame) -> Iterator[Problem]:
+    """Report whole numbers that no field of this name can hold."""
+    known = [(number, one.at) for one in values if (number := constant_number(one)) is not None]
+    spans = _spans(name, frame) if known else []
+    for number, at in known if spans else ():
+        if not any(low <= number <= high for low, high in spans):
+            low, high = spans[0]
+            what = f"{number} does not fit: '{name}' of '{frame.name}' holds {low} to {high}"
+            yield Problem(at, what, "correct one of them")
 
 
 def _spans(name: str, frame: Frame) -> list[tuple[int, int]]:
