@@ -193,10 +193,10 @@ class Trial:
         """Assert that decoding several frames in a batch gives the same results as decoding each alone."""
         frames = [data, damaged(data, self.random), data]
         found = BatchDecoder(self.codec, "f").decode(Cut.of(frames))
-        for one, there in zip(frames, found, strict=True):
-            alone = read(self.codec, one)
-            result = (there.cause, there.refuse) if isinstance(there, FrameError) else there
-            assert same(result, alone), f"{one.hex(' ')} among others: {result} is not {alone}"
+        for frame, decoded in zip(frames, found, strict=True):
+            alone = read(self.codec, frame)
+            result = (decoded.cause, decoded.refuse) if isinstance(decoded, FrameError) else decoded
+            assert same(result, alone), f"{frame.hex(' ')} among others: {result} is not {alone}"
 
 
 def _frames(values: Any, name: str) -> list[str]:

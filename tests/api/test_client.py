@@ -117,9 +117,9 @@ def test_services(simulated: str) -> None:
 
 
 def test_a_refusal_has_its_code_and_meaning(shared: framekit.Client) -> None:
-    asked = {"address": 65535, "count": 2, "write_address": 1, "values": b"\x01\x02"}
+    arguments = {"address": 65535, "count": 2, "write_address": 1, "values": b"\x01\x02"}
     with pytest.raises(framekit.RefusedError) as refused:
-        shared.call("exchange_words", asked, station=7)
+        shared.call("exchange_words", arguments, station=7)
     assert (refused.value.code, refused.value.meaning) == (2, "illegal data address")
     assert refused.value.error_code is framekit.ErrorCode.REFUSED
     assert shared.read("40003", station=7) == [300]
@@ -256,11 +256,11 @@ def test_a_line_that_is_pulled(tmp_path: Path) -> None:
 
 
 def test_closing_ends_the_calls_of_other_threads() -> None:
-    asked = threading.Event()
+    requested = threading.Event()
 
     async def mute(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         await reader.readexactly(8)
-        asked.set()
+        requested.set()
         await reader.read()
         writer.close()
 
@@ -272,7 +272,7 @@ def test_closing_ends_the_calls_of_other_threads() -> None:
     client = framekit.connect("modbus-rtu", f"tcp://127.0.0.1:{number}", station=7, params={"reply_timeout": "1 min"})
     with ThreadPoolExecutor(1) as pool:
         reading = pool.submit(client.read, "40001")
-        assert asked.wait(10)
+        assert requested.wait(10)
         client.close()
         with pytest.raises(framekit.LineClosedError, match="closed"):
             reading.result(10)
@@ -399,9 +399,9 @@ def test_commands_side_by_side_are_carried_out_one_after_the_other(tmp_path: Pat
             def command(request: str, number: int, **fields: int) -> bytes:
                 return blocks.words.make(request, {"command": number, **fields}, {})
 
-            there = {"target": 5, "type": 1, "count": 3}
-            read, back = dict(there, address=101, here=200), dict(there, address=201, here=300)
-            write = dict(there, address=201, here=200)
+            expected = {"target": 5, "type": 1, "count": 3}
+            read, back = dict(expected, address=101, here=200), dict(expected, address=201, here=300)
+            write = dict(expected, address=201, here=200)
             ends = await asyncio.gather(
                 client.command(blocks, command("ccm_read", 6101, **read)),
                 client.command(blocks, command("ccm_write", 6111, **write)),

@@ -45,8 +45,8 @@ class Registers:
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         try:
             while True:
-                asked = await reader.readexactly(12)
-                pieces = self.change(self.asked, self._reply(asked))
+                request = await reader.readexactly(12)
+                pieces = self.change(self.asked, self._reply(request))
                 self.asked += 1
                 if pieces is None:
                     break

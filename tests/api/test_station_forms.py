@@ -62,7 +62,7 @@ def test_what_is_decoded_of_system_addresses_can_be_encoded(processor: str) -> N
     """Every form of the manual's levels: short and long, with omitted levels that have a default, and symbols."""
     pccc = framekit.load("df1", params={"processor": processor})
     head = bytes.fromhex("01 02 0F 00 07 00 01 00 00 0A 00")
-    tried = 0
+    decoded_count = 0
     for flags in range(256):
         levels = 8 if processor == "plc5_250" else 6 if processor == "plc3" else 4
         address = b"".join(bytes([n + 1]) for n in range(levels) if flags >> n & 1) or b"$N7:0\0"[processor == "plc3" :]
@@ -75,8 +75,8 @@ def test_what_is_decoded_of_system_addresses_can_be_encoded(processor: str) -> N
             if frame.refusal is None:
                 again = pccc.encode("word_range_read", **frame.fields)
                 assert pccc.decode(again, "word_range_read").fields == frame.fields
-                tried += 1
-    assert tried >= 16
+                decoded_count += 1
+    assert decoded_count >= 16
 
 
 def test_one_port_for_two_protocols_over_one_memory(tmp_path: Path) -> None:
@@ -105,6 +105,6 @@ def test_one_port_for_two_protocols_over_one_memory(tmp_path: Path) -> None:
 def test_a_second_protocol_that_does_not_fit_is_told(tmp_path: Path, also: str, message: str) -> None:
     file = tmp_path / "cpu.device.yaml"
     file.write_text(f"device: cpu\nprotocol: snp\nalso: {also}\nstation: UNIT7\n")
-    with pytest.raises(DefinitionError) as told:
+    with pytest.raises(DefinitionError) as error:
         framekit.serve(file, "tcp://127.0.0.1:0")
-    assert message in str(told.value) and f"{file}:3:" in str(told.value)
+    assert message in str(error.value) and f"{file}:3:" in str(error.value)

@@ -63,10 +63,10 @@ def test_a_key_has_an_effect_or_is_told(instruction: str, tmp_path: Path) -> Non
     path = tmp_path / "keys.run.yaml"
     path.write_text(HEAD + "".join(lines), encoding="utf-8")
     first = HEAD.count("\n") + 1
-    told: dict[str, list[str]] = {}
+    messages: dict[str, list[str]] = {}
     for problem in read_run(path).problems:
         if not problem.warning and " already" not in problem.what:
-            told.setdefault(keys[problem.at.line - first], []).append(problem.what)
-    assert {key: told.get(key) for key in keys if key not in EFFECT[instruction] and key not in told} == {}
-    in_vain = {key: what for key, what in told.items() if any("has no effect" in one for one in what)}
+            messages.setdefault(keys[problem.at.line - first], []).append(problem.what)
+    assert {key: messages.get(key) for key in keys if key not in EFFECT[instruction] and key not in messages} == {}
+    in_vain = {key: what for key, what in messages.items() if any("has no effect" in one for one in what)}
     assert in_vain.keys().isdisjoint(EFFECT[instruction])

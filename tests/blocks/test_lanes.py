@@ -137,15 +137,15 @@ def test_a_suspected_station_lets_the_others_go_first_and_is_asked_ever_more_rar
     rule = DeadRule(failures=99, after=0, every=2000 * MS)
     bench = Bench(block(0, 100), block(1, 100, station=2), block(2, 100), duration=30, dead=rule)
     bench.outcomes[2] = "no_reply"
-    tried: list[tuple[int, bool]] = []
+    attempts: list[tuple[int, bool]] = []
     start = bench._start
     bench.scheduler._start = lambda state, now: (  # type: ignore[method-assign]
-        tried.append((now // MS, state.probing)) if state.block.number == 1 else None,
+        attempts.append((now // MS, state.probing)) if state.block.number == 1 else None,
         start(state, now),
     )[1]
     bench.run_until(10_000)
-    assert tried[:2] == [(30, False), (160, True)], "the second time after both others"
-    pauses = [later[0] - earlier[0] - 30 for earlier, later in pairwise(tried)]
+    assert attempts[:2] == [(30, False), (160, True)], "the second time after both others"
+    pauses = [later[0] - earlier[0] - 30 for earlier, later in pairwise(attempts)]
     wanted = [100, 300, 700, 1500, 2000, 2000]
     assert all(0 <= pause - least <= 60 for pause, least in zip(pauses[1:], wanted, strict=False)), pauses
     assert len(bench.of(0)) >= 100 and len(bench.of(2)) >= 100, "the others miss nothing"

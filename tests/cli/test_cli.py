@@ -402,8 +402,8 @@ def test_check_counts_and_complains(capsys: pytest.CaptureFixture[str], tmp_path
     assert listed[0]["problems"][0]["line"] == 3
     device = tmp_path / "bad.device.yaml"
     device.write_text("device: bad\nprotocol: bad\n", encoding="utf-8")
-    told = f"{err}{device}: what is wrong has been told above\n"
-    assert call(capsys, "check", str(path), str(device)) == (1, "", told)
+    message = f"{err}{device}: what is wrong has been told above\n"
+    assert call(capsys, "check", str(path), str(device)) == (1, "", message)
 
 
 def test_run_on_virtual_time(capsys: pytest.CaptureFixture[str]) -> None:
@@ -499,8 +499,8 @@ def test_run_shows_what_a_protocol_publishes(capsys: pytest.CaptureFixture[str],
     status, out, _ = call(capsys, "run", str(path), "--virtual", "--for", "100ms")
     assert status == 0 and out.splitlines()[-2:] == ["channel  status  value", "1        asked   5"]
     _, out, _ = call(capsys, "run", str(path), "--virtual", "--for", "100ms", "--json")
-    told = [json.loads(line) for line in out.splitlines()]
-    assert {"event": "status", "channel": 1, "status": {"asked": 5}} in told
+    events = [json.loads(line) for line in out.splitlines()]
+    assert {"event": "status", "channel": 1, "status": {"asked": 5}} in events
 
 
 def test_a_file_of_another_kind_is_one_problem(capsys: pytest.CaptureFixture[str]) -> None:
@@ -534,8 +534,8 @@ def test_vectors_are_looked_at_in_the_same_way_by_check_and_test(
     assert status == 1 and out == "" and len(tested.splitlines()) == 7
     assert tested == call(capsys, "check", str(tmp_path / "p.vectors.yaml"))[2]
     (tmp_path / "p.vectors.yaml").write_text("vectors: modbus-rtu\nframes: []\n")
-    status, _, told = call(capsys, "test", str(tmp_path / "p.yaml"))
-    assert status == 1 and "these are vectors of 'modbus-rtu', and they stand beside p.yaml" in told
+    status, _, errors = call(capsys, "test", str(tmp_path / "p.yaml"))
+    assert status == 1 and "these are vectors of 'modbus-rtu', and they stand beside p.yaml" in errors
 
 
 def test_vectors_that_are_missing_are_named_as_they_would_be_found(

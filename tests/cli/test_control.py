@@ -82,5 +82,5 @@ def test_a_watch_that_fails_is_reported_and_the_run_goes_on(
 
     monkeypatch.setattr(FileWatch, "watch", fails)
     assert main(["run", str(run_file), "--watch", "--for", "100ms"]) == 0
-    told = capsys.readouterr()
-    assert "r.run.yaml is not watched any more: a defect" in told.err and "block" in told.out
+    output = capsys.readouterr()
+    assert "r.run.yaml is not watched any more: a defect" in output.err and "block" in output.out

@@ -139,10 +139,10 @@ def ended_with(words: list[str]) -> int:
 
 def test_every_verb_stands_in_the_table_and_every_code_is_tried() -> None:
     assert list(table()) == list(VERBS)
-    told = {(verb, code) for verb, codes in table().items() for code in codes}
-    tried = {(verb, code) for verb, code in CASES if code != 2}
-    assert told - tried == {("commreq", 1)}
-    assert tried <= told
+    documented = {(verb, code) for verb, codes in table().items() for code in codes}
+    tested = {(verb, code) for verb, code in CASES if code != 2}
+    assert documented - tested == {("commreq", 1)}
+    assert tested <= documented
     assert {verb for verb, code in CASES if code == 2} == set(VERBS)
     assert {kind.status for kind in (VerbError, WordsError, PortError)} == {1, 2, 3}
 
@@ -159,19 +159,19 @@ def test_verbs_end_with_these_codes(
     assert "Traceback" not in output.err
     if verb not in WITH_JSON:
         return
-    told = [one for one in map(json.loads, output.out.splitlines()) if "error" in one]
-    assert len(told) == 1
-    assert told[0]["message"] in output.err
+    errors = [one for one in map(json.loads, output.out.splitlines()) if "error" in one]
+    assert len(errors) == 1
+    assert errors[0]["message"] in output.err
     if code == 2:
-        assert told[0]["error"] in ("command_line", "definition")
+        assert errors[0]["error"] in ("command_line", "definition")
     elif CASES[verb, code][0] == "bad.yaml":
-        assert (told[0]["error"], told[0]["problems"][0]["line"]) == ("definition", 2)
+        assert (errors[0]["error"], errors[0]["problems"][0]["line"]) == ("definition", 2)
 
 
 def test_a_word_that_no_verb_knows_is_an_object_too(capsys: pytest.CaptureFixture[str]) -> None:
     assert ended_with(["read", "modbus-tcp", "--jsn", "--json", "--port", GONE, "40001"]) == 2
-    told = json.loads(capsys.readouterr().out)
-    assert told == {
+    error = json.loads(capsys.readouterr().out)
+    assert error == {
         "error": "command_line",
         "message": "there is no option '--jsn' – did you mean '--json' or '--own'?",
     }

@@ -69,11 +69,11 @@ def carried_out(
 def test_output_that_has_no_room_gives_a_message_and_status_1(
     folder: Path, environment: dict[str, str], words: Sequence[str]
 ) -> None:
-    status, told = carried_out(folder, environment, words)
-    (message,) = [line for line in told.splitlines() if line.startswith("framekit")]
+    status, errors = carried_out(folder, environment, words)
+    (message,) = [line for line in errors.splitlines() if line.startswith("framekit")]
     assert NO_ROOM in message
     assert message.endswith(" – make room there, or send the output to another place")
-    assert "Traceback" not in told and "Exception ignored" not in told
+    assert "Traceback" not in errors and "Exception ignored" not in errors
     assert status == 1
 
 
@@ -90,9 +90,9 @@ def test_output_that_has_no_room_gives_a_message_and_status_1(
 def test_an_error_keeps_its_message_and_its_status(
     folder: Path, environment: dict[str, str], words: Sequence[str], expected: int, part: str
 ) -> None:
-    status, told = carried_out(folder, environment, words)
-    assert part in told
-    assert "Traceback" not in told and "Exception ignored" not in told
+    status, errors = carried_out(folder, environment, words)
+    assert part in errors
+    assert "Traceback" not in errors and "Exception ignored" not in errors
     assert status == expected
 
 

@@ -112,8 +112,8 @@ def test_replay_on_a_real_port(tmp_path: Path, capsys: pytest.CaptureFixture[str
         finally:
             os.close(other)
     assert heard == ASK + BAD
-    told = json.loads(capsys.readouterr().out)
-    assert (told["sent"], told["pieces"], told["of"]) == (16, 2, 2)
+    event = json.loads(capsys.readouterr().out)
+    assert (event["sent"], event["pieces"], event["of"]) == (16, 2, 2)
 
 
 def test_replay_to_whoever_connects(tmp_path: Path) -> None:
@@ -127,8 +127,8 @@ def test_replay_to_whoever_connects(tmp_path: Path) -> None:
             while piece := client.recv(100):
                 heard += piece
         assert heard == ANSWER
-        told = json.loads(one.stdout.readline())
-        assert (told["sent"], told["pieces"], one.wait(30)) == (len(ANSWER), 1, 0)
+        event = json.loads(one.stdout.readline())
+        assert (event["sent"], event["pieces"], one.wait(30)) == (len(ANSWER), 1, 0)
 
 
 def test_what_replay_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

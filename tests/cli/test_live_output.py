@@ -546,8 +546,8 @@ def go_on(file: Path) -> None:
 def test_a_run_goes_on_while_its_output_is_not_read(tmp_path: Path) -> None:
     with started(tmp_path, "run", "unread.run.yaml", "--frames", "--json") as process:
         assert process.stdout is not None and process.stderr is not None
-        told = process.stderr.readline()
-        assert told == f"standard output: {UNREAD} – {UNTIL}\n"
+        errors = process.stderr.readline()
+        assert errors == f"standard output: {UNREAD} – {UNTIL}\n"
         go_on(tmp_path / "level.csv")
         lines = []
         while not lines or lines[-1]["event"] != "lost_lines":
@@ -568,8 +568,8 @@ def test_a_run_goes_on_while_its_output_is_not_read(tmp_path: Path) -> None:
         assert ends[-1] == {"event": "warning", "reason": f"standard output: {lost} lines were lost"}
         (block,) = [line for line in ends if line["event"] == "block" and line["set"] == 1]
         assert block["failed"] == 0
-        told = process.stderr.read()
-        assert told.startswith("standard output: works again after ") and told.count("\n") == 1
+        errors = process.stderr.read()
+        assert errors.startswith("standard output: works again after ") and errors.count("\n") == 1
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
@@ -629,9 +629,9 @@ def test_a_device_answers_while_its_output_is_not_read(tmp_path: Path) -> None:
         assert 2000 <= frames + lost <= 2002, "the connection has lines, too"
         assert any(line.startswith("station") for line in lines[place_of_loss:]), "the summary"
         assert process.wait(LONGEST) == 1
-        told = process.stderr.read().splitlines()
-        assert told[0] == f"standard output: {UNREAD} – {UNTIL}"
-        assert f"{lost} lines were lost" in told[-1]
+        errors = process.stderr.read().splitlines()
+        assert errors[0] == f"standard output: {UNREAD} – {UNTIL}"
+        assert f"{lost} lines were lost" in errors[-1]
 
 
 @pytest.mark.parametrize(

@@ -109,10 +109,10 @@ def test_a_refusal(capsys: pytest.CaptureFixture[str]) -> None:
     with pymodbus_server() as port:
         line = ("modbus-tcp", "--port", port, "--station", "1")
         assert call(capsys, "read", *line, "40005", "-n", "2") == (0, "40005  1004 1005\n", "")
-        told = "framekit read: the device refused with code 0x0002: illegal data address\n"
-        assert call(capsys, "read", *line, "49000") == (1, "", told)
+        message = "framekit read: the device refused with code 0x0002: illegal data address\n"
+        assert call(capsys, "read", *line, "49000") == (1, "", message)
         status, out, err = call(capsys, "read", *line, "49000", "--json")
-        assert (status, err) == (1, told)
+        assert (status, err) == (1, message)
         assert json.loads(out) == {
             "error": "refused", "message": "the device refused with code 0x0002: illegal data address",
             "code": 2, "meaning": "illegal data address",
@@ -130,17 +130,17 @@ def test_nobody_answers(bench: tuple[str, framekit.Memory], capsys: pytest.Captu
 
 
 def test_where_nothing_comes_on_a_serial_line_its_settings_are_told(capsys: pytest.CaptureFixture[str]) -> None:
-    here, there = os.openpty()
-    port = os.ttyname(there)
+    here, far_end = os.openpty()
+    port = os.ttyname(far_end)
     try:
         words = ("modbus-rtu", "--port", port, "--station", "3", "40001", "--timeout", "20ms", "--retries", "0")
-        _, _, told = call(capsys, "read", *words)
+        _, _, errors = call(capsys, "read", *words)
         _, _, other = call(capsys, "read", *words, "--speed", "9600", "--format", "8N1")
     finally:
         os.close(here)
-        os.close(there)
-    assert "– check the station (3), speed and format (19200 8E1) and the wires" in told
-    assert f"framekit record {port} --try" in told and "(9600 8N1)" in other
+        os.close(far_end)
+    assert "– check the station (3), speed and format (19200 8E1) and the wires" in errors
+    assert f"framekit record {port} --try" in errors and "(9600 8N1)" in other
 
 
 def test_words_of_other_programs_lead_to_those_of_framekit(capsys: pytest.CaptureFixture[str]) -> None:
@@ -187,8 +187,8 @@ def test_nobody_acknowledges(
     line = ("df1", "--port", f"sim:{device}", "--role", asker, "--station", str(station))
     words = (*line, "--param", "ack_timeout=20ms", "--param", "enq_limit=1", "N7:0")
     why = "delivery not guaranteed, no acknowledge"
-    told = f"framekit read: the device did not answer: {why} – check the station ({station})\n"
-    assert call(capsys, "read", *words) == (3, "", told)
+    message = f"framekit read: the device did not answer: {why} – check the station ({station})\n"
+    assert call(capsys, "read", *words) == (3, "", message)
     status, out, _ = call(capsys, "read", *words, "--json")
     assert (status, json.loads(out)["error"]) == (3, "no_reply")
 
@@ -376,5 +376,5 @@ def test_a_simulated_device_that_cannot_build_its_reply_says_so_where_the_user_l
 def test_an_echo_is_reported_without_advice_about_the_station(capsys: pytest.CaptureFixture[str]) -> None:
     line = ["--port", "loop://", "--station", "1", "--retries", "0", "--timeout", "300 ms"]
     assert main(["read", "modbus-rtu", *line, "40001"]) == 3
-    told = capsys.readouterr().err
-    assert told == "framekit read: the device did not answer: you hear your own request: set `echo: yes`\n"
+    errors = capsys.readouterr().err
+    assert errors == "framekit read: the device did not answer: you hear your own request: set `echo: yes`\n"

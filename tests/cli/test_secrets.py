@@ -77,7 +77,7 @@ def call(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str]:
     return status, out + err
 
 
-def told_of(folder: Path) -> bytes:
+def written_data(folder: Path) -> bytes:
     """Return the content of all files that the run has written."""
     parts = [path.read_bytes() for path in folder.rglob("*") if path.is_file() and path.suffix != ".yaml"]
     with sqlite3.connect(folder / "kept.state") as base:
@@ -92,7 +92,7 @@ def test_a_run_tells_no_secret(capsys: pytest.CaptureFixture[str], tmp_path: Pat
     (tmp_path / "one.device.yaml").write_text(DEVICE.format(key=of_device.hex(), word=PASSWORD))
     (tmp_path / "one.run.yaml").write_text(RUN.format(key=KEY.hex(), word=PASSWORD))
     capture = tmp_path / f"wire.{form}"
-    said = ""
+    printed = ""
     for more in ([], ["--json"]):
         for before in tmp_path.glob(f"wire*.{form}"):
             before.unlink()
@@ -101,16 +101,16 @@ def test_a_run_tells_no_secret(capsys: pytest.CaptureFixture[str], tmp_path: Pat
             "--log", "debug", "--capture", str(capture), *more,
         )  # fmt: skip
         assert status == 0
-        said += out
-    assert ("told" in said) == (of_device == KEY), "with the wrong key nobody answers"
+        printed += out
+    assert ("told" in printed) == (of_device == KEY), "with the wrong key nobody answers"
     found = next(path for path in tmp_path.glob(f"wire*.{form}"))
     for more in ([], ["--json"]):
         status, out = call(
             capsys, "decode", str(tmp_path / "sealed.yaml"), "--capture", str(found), "--param", f"k={KEY.hex()}", *more
         )
         assert "ask" in out
-        said += out
-    everything = said.encode() + told_of(tmp_path)
+        printed += out
+    everything = printed.encode() + written_data(tmp_path)
     for secret in (KEY, OTHER, DERIVED, PASSWORD.encode()):
         assert not shows(everything, secret)
     for form_of in (

@@ -137,8 +137,11 @@ def test_stations_with_a_memory_each() -> None:
             assert ask(descriptor, b"\x0502WSS0106%MW1001234\x04", 7) == b"\x0602WSS\x03"
             assert ask(descriptor, b"\x0501RSB06%MW10001\x04", 15) == b"\x0601RSB01020000\x03"
             assert ask(descriptor, b"\x0502RSB06%MW10001\x04", 15) == b"\x0602RSB01021234\x03"
-        told = [json.loads(line) for line in ended(process, signal.SIGINT).splitlines()]
-        assert [(line["station"], line["services"]) for line in told if line["event"] == "station"] == [(1, 1), (2, 2)]
+        events = [json.loads(line) for line in ended(process, signal.SIGINT).splitlines()]
+        assert [(line["station"], line["services"]) for line in events if line["event"] == "station"] == [
+            (1, 1),
+            (2, 2),
+        ]
 
 
 def test_a_listener_with_mapped_memory() -> None:
@@ -155,8 +158,8 @@ def test_a_listener_with_mapped_memory() -> None:
         seen = [json.loads(line_of(process)) for _ in range(5)]
         assert [line["event"] for line in seen] == ["open", "frame", "frame", "frame", "frame"]
         assert seen[2]["fields"]["pdu"]["read_holding_reply"]["values"] == "10 92" and seen[2]["station"] == 1
-        told = [json.loads(line) for line in ended(process).splitlines()]
-        assert told[-1]["connections"] == 1
+        events = [json.loads(line) for line in ended(process).splitlines()]
+        assert events[-1]["connections"] == 1
 
 
 @pytest.mark.parametrize(("name", "channels"), [("x.jsonl", [1, 2]), ("x.pcap", [1])])
@@ -197,8 +200,8 @@ def test_nobody_reads_the_output_any_more() -> None:
                 assert os.read(descriptor, 1)
         process.send_signal(signal.SIGTERM)
         assert process.wait(timeout=LONGEST) == 0 and process.stderr is not None
-        told = process.stderr.read()
-        assert "standard output" in told and "Traceback" not in told
+        errors = process.stderr.read()
+        assert "standard output" in errors and "Traceback" not in errors
 
 
 @pytest.mark.parametrize(

@@ -56,13 +56,13 @@ def test_verbs_have_colours_on_a_terminal_and_nowhere_else(
     output, errors = stream(), stream()
     with redirect_stdout(output), redirect_stderr(errors):
         assert (main(["test", "own.yaml"]), main(["decode", "own.yaml", "02"])) == (0, 1)
-    text, told = output.getvalue(), errors.getvalue()
+    text, error_text = output.getvalue(), errors.getvalue()
     if stream is Terminal:
         assert "\x1b[32mok      \x1b[0mframe: one" in text
-        assert "\x1b[31mframekit decode\x1b[0m: no frame fits" in told
+        assert "\x1b[31mframekit decode\x1b[0m: no frame fits" in error_text
     else:
         assert "ok      frame: one" in text
-        assert "\x1b" not in text + told
+        assert "\x1b" not in text + error_text
 
 
 # ---- how far it is ----------------------------------------------------------------------------------------------
@@ -70,14 +70,14 @@ def test_verbs_have_colours_on_a_terminal_and_nowhere_else(
 
 def test_long_work_has_a_line_that_goes_when_it_is_over(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TERM", "xterm")
-    terminal, told = Terminal(), threading.Event()
+    terminal, reported = Terminal(), threading.Event()
 
     def says() -> str:
-        told.set()
+        reported.set()
         return "7 of 9 cases"
 
     with ProgressLine("test", says, stream=terminal, after=0):
-        assert told.wait(60)
+        assert reported.wait(60)
     lines = terminal.getvalue().split("\r")
     assert "test: 0 s, 7 of 9 cases" in lines
     assert lines[-1] == "" and lines[-2].isspace()
@@ -100,9 +100,9 @@ def test_cases_tell_how_many_are_done(tmp_path: Path) -> None:
 
     (tmp_path / "own.yaml").write_text(OWN, "utf-8")
     (tmp_path / "own.vectors.yaml").write_text(CASES + CASES.splitlines()[2] + "\n", "utf-8")
-    told: list[tuple[int, int]] = []
-    assert len(run_vectors(tmp_path / "own.yaml", None, lambda done, of: told.append((done, of)))) == 2
-    assert told == [(1, 2), (2, 2)]
+    counts: list[tuple[int, int]] = []
+    assert len(run_vectors(tmp_path / "own.yaml", None, lambda done, of: counts.append((done, of)))) == 2
+    assert counts == [(1, 2), (2, 2)]
 
 
 # ---- text of devices and files --------------------------------------------------------------------------------------

@@ -76,7 +76,7 @@ def frames_of(protocol: str, frame: str, make: Make) -> list[bytes]:
     return [*found, b"", b"\x01"]
 
 
-def told(result: dict[str, Any] | FrameError) -> Any:
+def comparable(result: dict[str, Any] | FrameError) -> Any:
     if isinstance(result, FrameError):
         return result.cause, result.segment, result.offset, result.refuse
     return result
@@ -88,7 +88,7 @@ def one_by_one(protocol: str, frame: str, frames: list[bytes]) -> list[Any]:
         try:
             results.append(codec.decode(frame, data))
         except FrameError as error:
-            results.append(told(error))
+            results.append(comparable(error))
     return results
 
 
@@ -102,7 +102,7 @@ def test_batches_give_what_decode_gives(
     frames = frames_of(protocol, frame, make)
     codec = compile_protocol(load_protocol(protocol))
     batch = batches.BatchDecoder(codec, frame).decode(Cut.of(frames))
-    assert [told(result) for result in batch] == one_by_one(protocol, frame, frames)
+    assert [comparable(result) for result in batch] == one_by_one(protocol, frame, frames)
     assert bool(batch.groups) == (with_numpy and protocol == "modbus-rtu")
     assert len(batch) == len(frames) and set(batch.faults) <= set(batch.singles)
 
@@ -144,7 +144,7 @@ def test_a_capture_is_cut_into_its_records(name: str, tmp_path: Path) -> None:
     cut = cut_of_capture(path, "in")
     assert [cut[index] for index in range(len(cut))] == frames
     batch = framekit.load("modbus-rtu").decode_capture(path, "request_adu")
-    assert [told(result) for result in batch] == one_by_one("modbus-rtu", "request_adu", frames)
+    assert [comparable(result) for result in batch] == one_by_one("modbus-rtu", "request_adu", frames)
     assert len(cut_of_capture(path, "out")) == len(frames)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from link.link_world import compiled, cut_at, feed, receiver_of, told
+from link.link_world import comparable, compiled, cut_at, feed, receiver_of
 from shipped import file_of
 
 from framekit.definition.times import NEVER
@@ -114,7 +114,7 @@ def test_a_delimiter_ends_a_frame_and_begins_the_next(name: str, between: int) -
         assert feed(receiver_of(text), cut_at(stream, places), (frame,)) == whole
     receiver = receiver_of(text)
     receiver.append(stream, 0)
-    assert [told(one) for one in receiver.arrivals((frame,))] == whole
+    assert [comparable(one) for one in receiver.arrivals((frame,))] == whole
     assert not receiver.has_unread and receiver.is_empty and not receiver.waiting and receiver.deadline == NEVER
 
 
@@ -143,16 +143,16 @@ def test_a_pause_between_frames_is_none_in_a_frame() -> None:
     """The delimiter that ended the last frame gets the time of the bytes that follow it, however late they arrive."""
     frame, receiver = ppp(0x21, "01"), receiver_of(PPP)
     receiver.append(frame, 0)
-    assert [told(one)[2] for one in receiver.arrivals(("frame",))] == [frame]
+    assert [comparable(one)[2] for one in receiver.arrivals(("frame",))] == [frame]
     receiver.tick(10**12)
     assert receiver.arrivals(("frame",)) == []
     receiver.cut()
     receiver.append(frame[1:], 2 * 10**12)
     (arrived,) = receiver.arrivals(("frame",))
-    assert told(arrived) == ("frame", "frame", frame, len(frame) - 1, None)
+    assert comparable(arrived) == ("frame", "frame", frame, len(frame) - 1, None)
     assert arrived.times == (2 * 10**12, 2 * 10**12)  # type: ignore[union-attr]
     receiver.append(frame[1:], 3 * 10**12, [CharacterFault(1, LineFault.PARITY)])
-    assert [told(one)[:3] for one in receiver.arrivals(("frame",))][:1] == [("bad", "frame", "parity")]
+    assert [comparable(one)[:3] for one in receiver.arrivals(("frame",))][:1] == [("bad", "frame", "parity")]
     receiver.flush()
     assert receiver.is_empty and not receiver.flush()
 

@@ -110,9 +110,9 @@ def test_noise_like_headers_costs_no_more_than_other_noise() -> None:
     ],
 )
 def test_what_has_no_sense_is_refused(body: str, wrong: str) -> None:
-    with pytest.raises(DefinitionError) as told:
+    with pytest.raises(DefinitionError) as error:
         codec_of(body)
-    assert wrong in str(told.value), str(told.value)
+    assert wrong in str(error.value), str(error.value)
 
 
 # ---- what is covered ----------------------------------------------------------------------------------------------
@@ -126,9 +126,9 @@ def test_bytes_that_are_not_on_the_wire_may_come_from_tables_and_parameters() ->
     assert codec.encode("f", {"kind": 1}) == bytes((1, 0x0A + 0x0B + 1 + 0x32))
     assert codec.encode("f", {"kind": 2}, {"net": b"\0\1"}) == bytes((2, 1 + 2 + 0x7C))
     assert codec.decode("f", bytes((2, 1 + 2 + 0x7C)), {"net": b"\0\1"}) == {"kind": 2}
-    with pytest.raises(FrameError) as told:
+    with pytest.raises(FrameError) as error:
         codec.decode("f", bytes((2, 1 + 2 + 0x7C)))
-    assert told.value.cause == "check"
+    assert error.value.cause == "check"
     with pytest.raises(EncodeError):
         codec.encode("f", {"kind": 3})
     with pytest.raises(FrameError):

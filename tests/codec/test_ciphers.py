@@ -235,8 +235,8 @@ def test_check_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     )
     path = tmp_path / "case.yaml"
     path.write_text(f"protocol: case\n{TOP}frames:\n  f:\n    body: [{BODY}]\n")
-    told = [str(problem).removeprefix(f"{path}:") for problem in check_file(str(path)).problems]
-    assert told == [
+    messages = [str(problem).removeprefix(f"{path}:") for problem in check_file(str(path)).problems]
+    assert messages == [
         f"5:{5 + text.index(what)}: {name} needs the library cryptography, which is not installed – "
         "install it: pip install cryptography"
         for text in [f"    body: [{BODY}]"[4:]]

@@ -965,7 +965,7 @@ ROUNDS = int(os.environ.get("FRAMEKIT_DRAWN", "1"))
 SEGMENTS = Path(__file__).parents[2] / "schemas" / "protocol.schema.json"
 
 
-def tried(seed: str, kinds: tuple[str, ...], *, more: bool = False, alike: bool = False) -> str:
+def result_of(seed: str, kinds: tuple[str, ...], *, more: bool = False, alike: bool = False) -> str:
     """Return the result for a definition with these kinds: `refused`, `built`, or `unbuilt` if no values fit."""
     drawn = DrawnDefinition(seed, kinds, more=more, alike=alike)
     try:
@@ -985,7 +985,7 @@ def test_what_check_takes_never_crashes_and_round_trips(kind: str) -> None:
             for number in range(ROUNDS):
                 seed = f"{' '.join(pair)} {number}"
                 try:
-                    results.append(tried(seed, pair))
+                    results.append(result_of(seed, pair))
                 except Exception as error:
                     raise AssertionError(f"DrawnDefinition({seed!r}, {pair!r}): {error}") from error
     assert len(results) >= ROUNDS
@@ -1020,16 +1020,16 @@ def results_of(first: int, trial: Callable[[int], str]) -> list[str]:
 @pytest.mark.long
 @pytest.mark.parametrize("first", firsts(300, 4000))
 def test_thousands_of_definitions_hold(first: int) -> None:
-    """With any number of segments; `tried("612", ())` repeats a failing seed."""
-    results = results_of(first, lambda seed: tried(str(seed), ()))
+    """With any number of segments; `result_of("612", ())` repeats a failing seed."""
+    results = results_of(first, lambda seed: result_of(str(seed), ()))
     assert results.count("built") > PIECE // 5
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("first", firsts(200, 4000))
 def test_definitions_with_parameters_state_and_more_functions_hold(first: int) -> None:
-    """`tried("m612", (), more=True)` repeats a failing seed."""
-    results = results_of(first, lambda seed: tried(f"m{seed}", (), more=True))
+    """`result_of("m612", (), more=True)` repeats a failing seed."""
+    results = results_of(first, lambda seed: result_of(f"m{seed}", (), more=True))
     assert results.count("built") > PIECE // 5
 
 
@@ -1037,30 +1037,30 @@ HELD = ("include", "repeat", "include", "choose", "check", "check", "length", "c
 """Kinds that contain segments or refer to segments by name."""
 
 
-def alike(seed: int) -> str:
+def result_with_equal_names(seed: int) -> str:
     """Return the result for a definition whose records, items and cases have the same names."""
     kinds = tuple(Random(seed).choices(HELD, k=3))
-    return tried(f"s{seed}", kinds, more=seed % 3 == 0, alike=True)
+    return result_of(f"s{seed}", kinds, more=seed % 3 == 0, alike=True)
 
 
 def test_records_items_and_cases_may_have_the_same_names() -> None:
-    results = [alike(seed) for seed in range(50)]
+    results = [result_with_equal_names(seed) for seed in range(50)]
     assert results.count("built") > 3
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("first", firsts(300, 4000))
 def test_many_records_items_and_cases_have_the_same_names(first: int) -> None:
-    assert results_of(first, alike).count("built") > PIECE // 25
+    assert results_of(first, result_with_equal_names).count("built") > PIECE // 25
 
 
 def test_a_few_definitions_with_parameters_and_state_hold() -> None:
-    results = [tried(f"m{seed}", (), more=True) for seed in range(60)]
+    results = [result_of(f"m{seed}", (), more=True) for seed in range(60)]
     assert results.count("built") > 10
 
 
 def test_half_of_what_is_drawn_is_taken_and_built() -> None:
-    results = [tried(str(seed), ()) for seed in range(60)]
+    results = [result_of(str(seed), ()) for seed in range(60)]
     assert results.count("built") > 10
 
 

@@ -185,7 +185,7 @@ def spots(value: Any, place: str, path: tuple[Any, ...] = ()) -> Iterator[tuple[
 
 
 @cache
-def tried() -> dict[str, dict[str, tuple[Any, tuple[Any, ...], str]]]:
+def key_cases() -> dict[str, dict[str, tuple[Any, tuple[Any, ...], str]]]:
     """Return by schema and name: the smallest definition that has the key, its path, and its schema location."""
     found: dict[str, dict[str, tuple[Any, tuple[Any, ...], str]]] = {}
     for document in documents():
@@ -281,7 +281,7 @@ PARTS = 36
 
 @pytest.mark.parametrize(("part", "form"), spread(product(range(PARTS), range(len(variants("")))), 10, part=3))
 def test_text_of_a_key_gives_the_same_source_whatever_it_holds(part: int, form: int) -> None:
-    places = [place for around in sorted(tried())[part::PARTS] for place in tried()[around].values()]
+    places = [place for around in sorted(key_cases())[part::PARTS] for place in key_cases()[around].values()]
     for document, path, place in places:
         fits = _validator("protocol").evolve(schema=schema_at(place)[1])
         for wrong, right in ((variants(text)[form], variants(harmless)[form]) for text, harmless in TEXTS.items()):
@@ -293,10 +293,10 @@ def test_text_of_a_key_gives_the_same_source_whatever_it_holds(part: int, form: 
 
 def test_every_key_of_the_schema_is_tried_but_those_of_sections_that_no_generator_reads() -> None:
     known = _schemas()["protocol.schema.json"]
-    assert known["properties"].keys() - NOT_READ == tried()["protocol.schema.json#"].keys()
+    assert known["properties"].keys() - NOT_READ == key_cases()["protocol.schema.json#"].keys()
     segments = {part["$ref"] for part in known["$defs"]["segment"]["dependentSchemas"].values()}
     names = ("frame", "group", "check_method", "where", "echo", "announces")
-    assert segments | {f"protocol.schema.json#/$defs/{name}" for name in names} <= tried().keys()
+    assert segments | {f"protocol.schema.json#/$defs/{name}" for name in names} <= key_cases().keys()
 
 
 @pytest.mark.parametrize("name", ["third-party-plc", "modbus-rtu"])

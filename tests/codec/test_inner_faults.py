@@ -60,7 +60,7 @@ def test_bytes_of_known_size_that_are_no_frame_are_kept_and_explained() -> None:
 @pytest.mark.skipif(GCC is None, reason="there is no C compiler")
 def test_c_finds_the_same_fault(tmp_path: Path) -> None:
     c, random_ = CProtocol(load_protocol_text(PDU, "inside"), tmp_path), Random(11)
-    asked = [
+    frames = [
         (frame, bad) for frame in ("open", "known") for one in c.samples(frame, 8) for bad in mutated(random_, one, 40)
     ]
-    assert differences(c, asked) == []
+    assert differences(c, frames) == []

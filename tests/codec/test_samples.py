@@ -168,8 +168,8 @@ def test_frames_that_vectors_build_are_not_told(tmp_path: Path) -> None:
     file = tmp_path / "hard.yaml"
     body = '[{field: t, type: ascii, size: 4}, {require: "number(t, 16) == 0x12AB"}]'
     file.write_text(f"protocol: hard\nframes:\n  A: {{body: {body}}}\n")
-    (told,) = check_file(str(file)).problems
-    assert "no values were found that 'A' can be built of" in told.what
+    (problem,) = check_file(str(file)).problems
+    assert "no values were found that 'A' can be built of" in problem.what
     vectors = tmp_path / "hard.vectors.yaml"
     vectors.write_text("vectors: hard\nframes: [{frame: A, values: {t: 12AB}, bytes: 31 32 41 42}]\n")
     assert check_file(str(file)).problems == [] and check_file(str(vectors)).problems == []

@@ -156,9 +156,9 @@ def test_every_bit_of_a_dnp3_frame_counts() -> None:
         for bit in range(len(bytes.fromhex(wire)) * 8):
             damaged = bytearray.fromhex(wire)
             damaged[bit // 8] ^= 1 << bit % 8
-            with pytest.raises(FrameError) as told:
+            with pytest.raises(FrameError) as error:
                 codec.decode("link", bytes(damaged))
-            assert told.value.cause == "check"
+            assert error.value.cause == "check"
 
 
 def test_dnp3_in_streams() -> None:
@@ -287,9 +287,9 @@ def test_bytes_that_never_stand_in_data_make_delimited_frames_possible() -> None
     ],
 )
 def test_keys_that_do_not_fit_together_are_refused(data: str, wrong: str) -> None:
-    with pytest.raises(DefinitionError) as told:
+    with pytest.raises(DefinitionError) as error:
         load_protocol_text(f"protocol: p\nframes: {{f: {{body: [{data}]}}}}\n", "small")
-    assert wrong in str(told.value), str(told.value)
+    assert wrong in str(error.value), str(error.value)
 
 
 COMMANDS = """

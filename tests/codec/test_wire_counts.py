@@ -97,18 +97,18 @@ def test_nothing_is_made_of_a_count_that_is_not_there(title: str) -> None:
 def test_no_more_of_a_stream_is_read_than_a_frame_may_have(title: str) -> None:
     """A buffered file allocates memory for all requested bytes."""
     codec = compile_protocol(load_protocol_text(text_of(COUNTED[title]), "counts"))
-    asked = []
+    sizes = []
 
     class Stream(BytesIO):
         def read(self, size: int | None = -1) -> bytes:
-            asked.append(size)
+            sizes.append(size)
             return super().read(size)
 
     with pytest.raises(FrameError):
         CompiledFrame(codec, codec.protocol.frames, "f", lambda _: codec.defaults).parse_stream(
             Stream(b"\x05" + MANY.to_bytes(4, "big") + b"0123")
         )
-    assert asked and all(size is None or size <= MOST for size in asked)
+    assert sizes and all(size is None or size <= MOST for size in sizes)
 
 
 def test_an_item_of_a_counted_list_takes_bytes() -> None:

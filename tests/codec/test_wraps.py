@@ -136,8 +136,8 @@ def test_the_table_of_the_manual() -> None:
         assert isinstance(segment, Wrap)
         made = compile_protocol(protocol).encode("f", {"d": bytes.fromhex("7E 7D 01")})
         assert made == bytes.fromhex(wire), wrap
-        told = {int(one, 16) for one in re.findall("`(..)`", never)}
-        assert told == segment.coding.never or wrap == "hex"
+        absent_bytes = {int(one, 16) for one in re.findall("`(..)`", never)}
+        assert absent_bytes == segment.coding.never or wrap == "hex"
 
 
 def test_content_takes_nothing_but_bytes() -> None:

@@ -130,10 +130,10 @@ class _Compiler:
     def _choose(self, segment: model.Choose, plan: Plan, conditions: tuple[Condition, ...]) -> SegmentConstruct:
         def case(of: tuple[model.Segment, ...]) -> Segments:
             def is_chosen(filling: Filling) -> bool:
-                return construct.holds(filling) and construct.chosen(filling) is there
+                return construct.holds(filling) and construct.chosen(filling) is segments
 
-            there = self.list(of, plan, (*conditions, is_chosen))
-            return there
+            segments = self.list(of, plan, (*conditions, is_chosen))
+            return segments
 
         cases = tuple(case(of) for _, of in segment.cases)
         construct = ChooseConstruct(segment, cases, None if segment.otherwise is None else case(segment.otherwise))

@@ -351,8 +351,8 @@ class ChooseConstruct(SegmentConstruct):
         segments = self.case_of(value)
         if segments is None:
             raise reading.stop(place, "value", "one of the cases", value)
-        there = tuple(construct.segment for construct in segments.subcons)
-        reading.leave_out(context, names_of((self.segment,)) - names_of(there))
+        case_segments = tuple(construct.segment for construct in segments.subcons)
+        reading.leave_out(context, names_of((self.segment,)) - names_of(case_segments))
         segments._parse(stream, context, path)
 
     def write(self, filling: Filling, stream: BytesIO, context: Container, path: str) -> None:

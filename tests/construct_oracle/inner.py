@@ -45,8 +45,10 @@ class NestedConstruct(ValueSegment):
         reading.store(context, self.name, outcome.values, place)
         if outcome.fault is not None:
             inner = outcome.fault.place
-            there = reading.place(stream, inner.label, outcome.refuse)
-            moved = Place(there.order, reading.offset(start + inner.offset), there.label, there.refuse)
+            inner_place = reading.place(stream, inner.label, outcome.refuse)
+            moved = Place(
+                inner_place.order, reading.offset(start + inner.offset), inner_place.label, inner_place.refuse
+            )
             reading.note(moved, outcome.fault.cause, outcome.fault.expected, outcome.fault.found)
 
     def fill(self, filling: Filling, name: str) -> Any:
@@ -101,8 +103,10 @@ class InnerConstruct(ValueSegment):
         reading.store(context, self.name, Container({name: outcome.values}), place)
         if outcome.fault is not None:
             inner = outcome.fault.place
-            there = reading.place(stream, inner.label, outcome.refuse)
-            moved = Place(there.order, reading.offset(start + inner.offset), there.label, there.refuse)
+            inner_place = reading.place(stream, inner.label, outcome.refuse)
+            moved = Place(
+                inner_place.order, reading.offset(start + inner.offset), inner_place.label, inner_place.refuse
+            )
             reading.note(moved, outcome.fault.cause, outcome.fault.expected, outcome.fault.found)
 
     def _region(self, stream: BytesIO, reading: Reading, context: Container, place: Place) -> tuple[bytes, bool]:

@@ -54,18 +54,18 @@ def _fits_at(end: int, construct: SegmentConstruct, stream: BytesIO, context: Co
     Reading works on copies of all state.
     """
     trial = context._state.copy()
-    there = Container(context, _state=trial)
+    trial_context = Container(context, _state=trial)
     for key in ("_values", "_marks", "_orders"):
-        there[key] = Container(context[key])
+        trial_context[key] = Container(context[key])
     following, region = trial.following, trial.region
     try:
         trial.following = ()
         trial.region = type(region)(end, exact=True)
-        construct._parse(stream, there, "(trial)")
+        construct._parse(stream, trial_context, "(trial)")
         trial.region = region
         for index, subcon in enumerate(following):
             trial.following = following[index + 1 :]
-            subcon._parse(stream, there, "(trial)")
+            subcon._parse(stream, trial_context, "(trial)")
     except Stop:
         return False
     trial.finish()

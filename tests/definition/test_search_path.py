@@ -115,15 +115,15 @@ def test_protocols_of_installed_packages_are_found_and_not_imported(tmp_path: Pa
     write(site / "acme_more" / "data" / "frames" / "bell.yaml", LAMP.format(name="bell", byte="03"))
     environment = {**os.environ, "PYTHONPATH": str(site), "FRAMEKIT_CACHE": ""}
 
-    def said(*words: str) -> str:
+    def output_of(*words: str) -> str:
         command = [sys.executable, "-m", "framekit", *words]
         done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
         return done.stdout
 
-    assert said("encode", "lamp", "SWITCH") == "01\n" and said("encode", "bell", "SWITCH") == "03\n"
-    assert "request_adu" in said("frames", "modbus-rtu"), "a package does not stand in for a shipped definition"
-    listed = said("frames")
+    assert output_of("encode", "lamp", "SWITCH") == "01\n" and output_of("encode", "bell", "SWITCH") == "03\n"
+    assert "request_adu" in output_of("frames", "modbus-rtu"), "a package does not stand in for a shipped definition"
+    listed = output_of("frames")
     assert " lamp " in listed and " bell " in listed
 
 

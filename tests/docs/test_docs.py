@@ -72,8 +72,8 @@ def with_free_ports(text: str, ports: dict[str, str]) -> str:
 
     def free(match: re.Match[str]) -> str:
         if match[0] not in ports:
-            with socket.create_server(("127.0.0.1", 0)) as there:
-                ports[match[0]] = str(there.getsockname()[1])
+            with socket.create_server(("127.0.0.1", 0)) as listener:
+                ports[match[0]] = str(listener.getsockname()[1])
         return ports[match[0]]
 
     return PORTS.sub(free, text)

@@ -36,7 +36,7 @@ def test_a_wrong_value_is_a_problem(name: str, every: int, tmp_path: Path) -> No
     shutil.copytree(RICH, tmp_path, dirs_exist_ok=True)
     tree, file = trees(name), tmp_path / name
     cases = [(path, wrong) for path in places(tree) for wrong in WRONG]
-    told = 0
+    reported = 0
     for path, wrong in cases[::every]:
         changed = copy.deepcopy(tree)
         at(changed, path[:-1])[path[-1]] = wrong
@@ -45,8 +45,8 @@ def test_a_wrong_value_is_a_problem(name: str, every: int, tmp_path: Path) -> No
             problems = check_file(str(file)).problems
         except Exception as error:
             raise AssertionError(f"{name}: {path} = {wrong!r}") from error
-        told += any(not problem.warning for problem in problems)
-    assert told > len(cases[::every]) // 2
+        reported += any(not problem.warning for problem in problems)
+    assert reported > len(cases[::every]) // 2
 
 
 @pytest.mark.parametrize("name", FILES)

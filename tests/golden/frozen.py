@@ -277,12 +277,12 @@ def streams(one: Shipped) -> Iterator[Case]:
     """Yield cases of streams in a receiver: whole, cut, with pauses and damaged characters, and in noise."""
     for number in range(STREAMS if one.on_line else 0):
         for kind in ("whole", "cut", "strange", "noise"):
-            yield Case(f"stream/{kind}/{number}", partial(_found, one, kind, number), number < 2)
+            yield Case(f"stream/{kind}/{number}", partial(_stream_text, one, kind, number), number < 2)
         for kind in ("either", "client"):
             yield Case(f"capture/{kind}/{number}", partial(_heard, one, kind, number), number < 2)
 
 
-def _found(one: Shipped, kind: str, number: int) -> str:
+def _stream_text(one: Shipped, kind: str, number: int) -> str:
     choose = Random(f"{one.name} {number}")
     data, expected = stream(one, choose), choose.choice(list(expectations(one)))
     choose = Random(f"{one.name} {kind} {number}")
@@ -321,17 +321,17 @@ def received(
     def take() -> None:
         nonlocal state
         while (event := receiver.next(*expected)) is not None:
-            lines.append(told(event))
+            lines.append(arrival_text(event))
             if isinstance(event, FrameArrived) and choose.randrange(4) == 0:
                 other = receiver.other_reading()
-                lines.append("  or none other" if other is None else f"  or {told(other)}")
+                lines.append("  or none other" if other is None else f"  or {arrival_text(other)}")
         waits = f"{' '.join(receiver.waiting)} since {receiver.waiting_since}" if receiver.waiting else "nothing"
         after = f"  waits for {waits}, until {receiver.deadline}{', broken' if receiver.broken else ''}"
         if after != state:
             lines.append(after)
             state = after
         if receiver.broken:
-            lines.extend(told(event) for event in receiver.reset())
+            lines.extend(arrival_text(event) for event in receiver.reset())
 
     for piece in pieces:
         now += choose.choice((0, 1, 40, 3000)) * MS if strange else len(piece) * MS // 2
@@ -349,11 +349,11 @@ def received(
     take()
     receiver.cut()
     take()
-    lines.extend(told(event) for event in receiver.flush())
+    lines.extend(arrival_text(event) for event in receiver.flush())
     return "".join(f"{line}\n" for line in lines)
 
 
-def told(event: Arrival) -> str:
+def arrival_text(event: Arrival) -> str:
     if isinstance(event, FrameArrived):
         value = event.value
         refusal = "" if value.refusal is None else f", refused with {value.refusal:#x}"

@@ -56,7 +56,7 @@ def receiver_of(text: str, **params: Any) -> Receiver:
     return Receiver(codec, protocol, Scope(protocol, params=params, line=line_of(protocol)))
 
 
-def told(event: Arrival) -> tuple[Any, ...]:
+def comparable(event: Arrival) -> tuple[Any, ...]:
     """Return the parts of an arrival that tests compare."""
     if isinstance(event, FrameArrived):
         return ("frame", event.value.frame, event.raw, event.offset, event.value.refusal)
@@ -79,12 +79,12 @@ def feed(
     for piece in pieces:
         receiver.append(piece, now)
         while (event := receiver.next(expected, others)) is not None:
-            found.append(told(event))
+            found.append(comparable(event))
         now += step
     if quiet_at_end:
         receiver.tick(now + 3600 * SECOND)
         while (event := receiver.next(expected, others)) is not None:
-            found.append(told(event))
+            found.append(comparable(event))
     return found
 
 

@@ -306,8 +306,8 @@ def test_a_place_that_no_form_shows_says_so() -> None:
 )
 def test_printed_addresses_mean_the_same_place(area: str, unit: str, data: st.DataObject) -> None:
     rules = grammar("mldp")
-    there = rules.areas[area].size * 16 // Address(area, unit, 0).unit_bits
-    start = data.draw(st.integers(0, there - 1))
+    size = rules.areas[area].size * 16 // Address(area, unit, 0).unit_bits
+    start = data.draw(st.integers(0, size - 1))
     text = rules.print(Address(area, unit, start))
     found = rules.parse(text)
     assert (found.area, found.unit, found.start) == (area, unit, start)

@@ -393,7 +393,7 @@ def test_monitors_are_registered_by_address_and_run() -> None:
         loop.do("call", "register_monitor", {"register": 1}, addresses=["M0"] * 17)
 
 
-class Noted(ServiceDone):
+class RecordedOutcomes(ServiceDone):
     """An `ask` step that records its outcomes."""
 
     def __init__(self) -> None:
@@ -406,7 +406,7 @@ class Noted(ServiceDone):
 
 def test_asked_for_by_a_sequence_a_refusal_is_a_failure() -> None:
     loop = Loop("mldp")
-    noted = Noted()
+    noted = RecordedOutcomes()
     loop.client.ask("run_monitor", {"register": 4}, 1, noted)
     assert [(outcome.ok, outcome.outcome, outcome.cause) for outcome in noted.outcomes] == [
         (False, "refused", "run of an unregistered monitor")

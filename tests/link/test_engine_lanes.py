@@ -581,13 +581,13 @@ def test_an_acknowledgement_is_put_into_the_message_that_is_leaving() -> None:
     side.gets(b"\x10\x02hello\x10\x03")
     acknowledgement = side.commands[-1]
     assert isinstance(acknowledgement, Send) and acknowledgement.inside and acknowledgement.data == b"\x10\x06"
-    told: list[str] = []
+    events: list[str] = []
     both = Side(INSIDE, "full")
     both.engine.opened(0)
-    both.engine.send_frame("message", 0, {"data": b"abc"}, lambda: told.append("message"))
-    both.engine.send_frame("ack", 0, {}, lambda: told.append("ack"))
+    both.engine.send_frame("message", 0, {"data": b"abc"}, lambda: events.append("message"))
+    both.engine.send_frame("ack", 0, {}, lambda: events.append("ack"))
     both.engine.sent(1)
-    assert told == ["message", "ack"], "the one inside has left with the other"
+    assert events == ["message", "ack"], "the one inside has left with the other"
     apart = Side(INSIDE, "full", params={"embedded": "no"})
     apart.ask(FrameValue("message", {"data": b"x" * 50}))
     apart.gets(b"\x10\x02hello\x10\x03")

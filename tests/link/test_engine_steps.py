@@ -221,12 +221,12 @@ add:
 """
 
 
-def asked(x: int) -> FrameValue:
+def ask_frame(x: int) -> FrameValue:
     return FrameValue("ask", {"x": x})
 
 
 def test_calls_take_arguments_and_give_results() -> None:
-    side = run(CALLS, request=asked(5))
+    side = run(CALLS, request=ask_frame(5))
     side.gets(b"\x02\x03\x02\x04")
     side.run(0)
     assert side.outcomes[0].results == {"total": 12, "why": ""}
@@ -235,22 +235,22 @@ def test_calls_take_arguments_and_give_results() -> None:
 
 
 def test_a_failing_call_is_handled_or_passed_on() -> None:
-    handled = run(CALLS, request=asked(5))
+    handled = run(CALLS, request=ask_frame(5))
     handled.gets(b"\x03\x00")
     assert handled.outcomes[0].results == {"total": 0, "why": "refused"}
-    passed_on = run(CALLS, request=asked(5))
+    passed_on = run(CALLS, request=ask_frame(5))
     passed_on.gets(b"\x02\x03\x03\x00")
     assert passed_on.outcomes[0].outcome == "refused"
-    late = run(CALLS, request=asked(5))
+    late = run(CALLS, request=ask_frame(5))
     late.run(SECOND)
     assert late.outcomes[0].results["why"] == "timeout"
 
 
 def test_rows_that_always_hold_and_breaks_reach_into_calls() -> None:
-    side = run(CALLS, request=asked(5))
+    side = run(CALLS, request=ask_frame(5))
     side.gets(b"\x05")
     assert side.outcomes[0].outcome == "interrupted"
-    side = run(CALLS, request=asked(5))
+    side = run(CALLS, request=ask_frame(5))
     side.line_break()
     assert side.outcomes[0].results["why"] == "break"
 
@@ -616,7 +616,7 @@ main:
     - step: one
       set: {request.x: request.x + 1, "marks[request.x]": 40 + request.x}
 """
-    side = run(text, request=asked(6), more="state: {marks: {table: 0..9, holds: u8}}")
+    side = run(text, request=ask_frame(6), more="state: {marks: {table: 0..9, holds: u8}}")
     assert side.outcomes[0].results == {"x": 7, "seven": 47, "eight": False, "known": 0}
 
 

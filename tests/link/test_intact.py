@@ -102,7 +102,7 @@ def test_a_check_code_before_what_fills_a_frame_up_is_not_at_its_end() -> None:
 @pytest.mark.parametrize("name", ["modbus-rtu", "ge-rtu"])
 def test_sizes_told_by_one_byte_are_those_that_measuring_finds(name: str) -> None:
     protocol = load_protocol(name)
-    codec, choose, told, counts = compile_protocol(protocol), Random(1), 0, 0
+    codec, choose, sized_count, counts = compile_protocol(protocol), Random(1), 0, 0
     names = Scope(protocol)
     for info in table_of(protocol, codec).infos.values():
         at, sizes, counted, most = info.sizes
@@ -120,6 +120,6 @@ def test_sizes_told_by_one_byte_are_those_that_measuring_finds(name: str) -> Non
                     assert found == (codec.QUIET if length <= -size else codec.LOST)
                 elif size is not None:
                     assert found == (size if size <= length else length - size)
-                told += size is not None
-    assert told > 256
+                sized_count += size is not None
+    assert sized_count > 256
     assert counts > 0 or name != "modbus-rtu"

@@ -424,8 +424,8 @@ def test_the_reply_to_a_frame_by_itself_that_carries_a_request_is_none_to_the_ne
     """Services of these protocols ask by an inner frame; a broadcast request gets no reply."""
     side = Side(name)
     side.memory.write("holding", "word", 5, [99])
-    asked = {"read_holding": {"address": 5, "count": 1}}
-    side.do(side.engine.send_frame("request_adu", side.now, {"station": 3, "pdu": asked}))
+    request = {"read_holding": {"address": 5, "count": 1}}
+    side.do(side.engine.send_frame("request_adu", side.now, {"station": 3, "pdu": request}))
     side.read("40001", 11)
     assert len(side.sent) == 1, "the reply to what was sent is due"
     side.until(500 * MS)
@@ -434,7 +434,7 @@ def test_the_reply_to_a_frame_by_itself_that_carries_a_request_is_none_to_the_ne
     side.until(501 * MS)
     side.reply(1)
     assert side.values == [[11]]
-    side.do(side.engine.send_frame("request_adu", side.now, {"station": 0, "pdu": asked}))
+    side.do(side.engine.send_frame("request_adu", side.now, {"station": 0, "pdu": request}))
     side.read("40001", 12)
     side.until(502 * MS)
     assert len(side.sent) == 4

@@ -30,7 +30,7 @@ roles:
 """
 
 
-def asked(side: Side, x: int) -> list[bytes]:
+def replies_to(side: Side, x: int) -> list[bytes]:
     side.gets(bytes([1, x]))
     side.run(SECOND)
     return side.taken()
@@ -47,7 +47,7 @@ def test_a_listener_begins_anew_in_its_generator_with_new_variables() -> None:
     generator, exchange = level.generator, level.x
     for x in (0x10, 0x20, 0x30):
         side.gets(b"\x05\x05")
-        assert asked(side, x) == [bytes([2, x + 1]), b"\x01\x02"], "counters and variables begin anew"
+        assert replies_to(side, x) == [bytes([2, x + 1]), b"\x01\x02"], "counters and variables begin anew"
         assert run.top is level and (level.generator, level.x) == (generator, exchange)
         waits_without = (exchange.request, exchange.reply, exchange.taken, exchange.last_sent, exchange.buffer)
         assert waits_without == (None, None, None, None, b"")
@@ -57,7 +57,7 @@ def test_a_listener_that_a_row_ends_begins_anew_too() -> None:
     side = Side(LISTENING, "server", server=server())
     for _ in range(3):
         side.gets(b"\x05\x05\x05")  # the third frame ends the run, so its counter starts again
-    assert asked(side, 1) == [b"\x02\x02", b"\x01\x00"]
+    assert replies_to(side, 1) == [b"\x02\x02", b"\x01\x00"]
     assert side.reasons("trouble") == []
 
 
@@ -74,7 +74,7 @@ def test_a_listener_that_ends_leaves_its_lane_to_an_exchange_that_waits() -> Non
     side.gets(b"\x15")
     side.run(MS)
     assert [outcome.ok for outcome in side.outcomes] == [True]
-    assert asked(side, 0x40) == [b"\x02\x41", b"\x01\x00"], "and then it listens again"
+    assert replies_to(side, 0x40) == [b"\x02\x41", b"\x01\x00"], "and then it listens again"
 
 
 SIDE_BY_SIDE = f"""
@@ -89,35 +89,35 @@ roles:
 
 
 def test_runs_that_end_at_once_are_reported_in_the_order_of_their_lanes_and_before_a_lane_goes_on() -> None:
-    side, told = Side(SIDE_BY_SIDE, "client"), list[str]()
-    later = Exchange("first", on_done=lambda outcome: told.append(f"later {outcome.outcome}"))
+    side, events = Side(SIDE_BY_SIDE, "client"), list[str]()
+    later = Exchange("first", on_done=lambda outcome: events.append(f"later {outcome.outcome}"))
 
     def first_ended(outcome: object) -> None:
-        told.append("first")
+        events.append("first")
         side.engine.cancel(second, side.now)
         side.engine.start(later, side.now)
 
-    second = Exchange("second", on_done=lambda outcome: told.append(f"second {outcome.outcome}"))
+    second = Exchange("second", on_done=lambda outcome: events.append(f"second {outcome.outcome}"))
     side.do(side.engine.start(second, side.now))
     side.do(side.engine.start(Exchange("first", on_done=first_ended), side.now))
     side.run(20 * MS)
     side.do(side.engine.closed(side.now, "unplugged"))
-    assert told == ["first", "second closed", "later closed"], (
+    assert events == ["first", "second closed", "later closed"], (
         "the second one has ended: it can't be cancelled any more"
     )
 
 
 def test_runs_whose_times_run_out_at_once_are_reported_in_the_order_of_their_lanes() -> None:
-    side, told = Side(SIDE_BY_SIDE, "client"), list[str]()
+    side, events = Side(SIDE_BY_SIDE, "client"), list[str]()
     for name in ("second", "first"):  # the second lane starts, so its run is the older run
-        side.do(side.engine.start(Exchange(name, on_done=lambda outcome, name=name: told.append(name)), side.now))
+        side.do(side.engine.start(Exchange(name, on_done=lambda outcome, name=name: events.append(name)), side.now))
     side.run(20 * MS)
     deadlines = {run.deadline for run in side.engine.machine.order}
     assert len(deadlines) == 2, "the second request has left later"
     for run in side.engine.machine.order:
         run.deadline = max(deadlines)
     side.run(2 * SECOND)
-    assert told == ["first", "second"]
+    assert events == ["first", "second"]
 
 
 # ---- a run that is used again --------------------------------------------------------------------------------

@@ -159,17 +159,17 @@ def test_any_mixture_comes_back_in_the_order_it_was_asked_for() -> None:
     random, loop = Random(17), Loop(SPLIT)
     words = [0] * 100
     for _ in range(50):
-        asked = {2 * at: random.choice("DL") for at in random.sample(range(50), random.randrange(1, 12))}
-        wanted = {f"{letter}{at}": random.randrange(1 << (16 if letter == "D" else 32)) for at, letter in asked.items()}
+        items = {2 * at: random.choice("DL") for at in random.sample(range(50), random.randrange(1, 12))}
+        wanted = {f"{letter}{at}": random.randrange(1 << (16 if letter == "D" else 32)) for at, letter in items.items()}
         del loop.log[:]
         done: list[TransferResult] = []
         loop.client.write_variables(list(wanted), list(wanted.values()), now=0, on_done=done.append)
-        assert done[0].ok and done[0].written == sum(1 if letter == "D" else 2 for letter in asked.values())
-        for (at, letter), value in zip(asked.items(), wanted.values(), strict=True):
+        assert done[0].ok and done[0].written == sum(1 if letter == "D" else 2 for letter in items.values())
+        for (at, letter), value in zip(items.items(), wanted.values(), strict=True):
             words[at : at + 1 + (letter == "L")] = [value & 0xFFFF, value >> 16][: 1 + (letter == "L")]
         assert loop.memory.read("D", "word", 0, 100) == words
         assert read(loop, list(wanted)).values == list(wanted.values())
-        assert len(loop.log) == 2 * -(-len(asked) // 5)
+        assert len(loop.log) == 2 * -(-len(items) // 5)
 
 
 def test_a_device_serves_whatever_area_stands_in_the_lists() -> None:

@@ -250,14 +250,14 @@ def test_what_stands_around_a_port_passes_marks_on() -> None:
         port.close()
     wired_up = wired(wires.ports[0], LineSettings(direction=Direction(), echo=True), wires.clock)
     shared = SharedPort(wired_up, wires.clock).user()
-    here, there = Listener(wires.ports[0]), Listener(wires.ports[1])
+    here, far_end = Listener(wires.ports[0]), Listener(wires.ports[1])
     shared.open(here)
-    wires.ports[1].open(there)
+    wires.ports[1].open(far_end)
     wires.clock.run_for(MS)
     assert shared.hears_marks
     shared.write_marked(POLL, 0)
     wires.clock.run_for(100 * MS)
-    assert there.bytes == POLL and there.faults == [(0, LineFault.MARK)]
+    assert far_end.bytes == POLL and far_end.faults == [(0, LineFault.MARK)]
     assert here.bytes == b"", "a marked byte of the echo is the same byte"
     wires.ports[1].write_marked(TAKEN, 0)
     wires.clock.run_for(100 * MS)

@@ -180,10 +180,10 @@ def test_of_a_crowd_of_bad_frames_the_first_are_told_and_then_one_for_many_bytes
     hearing.tick(3_600_000_000_000)
     bad = [one for one in seen if one.kind == "bad"]
     assert all(one.reason and one.frame for one in bad)
-    told = sum(len(one.raw) for one in seen if one.kind in ("bad", "noise"))
+    reported = sum(len(one.raw) for one in seen if one.kind in ("bad", "noise"))
     assert MOST_BAD <= len(bad) == hearing.counters.bad <= MOST_BAD + 4000 // BAD_APART + 1
     assert hearing.counters.noise_bytes == sum(len(one.raw) for one in seen if one.kind == "noise")
-    assert 4000 - 2 * BAD_APART < told <= 4000
+    assert 4000 - 2 * BAD_APART < reported <= 4000
     assert "what a bad frame left" in {one.reason for one in seen if one.kind == "noise"}
 
 
@@ -203,8 +203,8 @@ def test_of_a_crowd_of_frames_broken_off_or_damaged_only_some_are_told(unit: byt
     count, hearing = calls("df1", "full", cut(data + b"\x10\x06", size), seen.append)
     bad = [one for one in seen if one.kind == "bad"]
     assert MOST_BAD <= len(bad) == hearing.counters.bad <= MOST_BAD + len(data) // BAD_APART + 1
-    told = [one.raw for one in seen if one.kind in ("bad", "noise")]
-    assert sum(map(len, told)) == len(data)
+    reported = [one.raw for one in seen if one.kind in ("bad", "noise")]
+    assert sum(map(len, reported)) == len(data)
     assert [one.frame for one in seen if one.kind == "frame" and one.direction == "in"] == ["ack"]
     assert count / len(data) < most
 

@@ -52,7 +52,7 @@ def careful(name: str) -> Receiver:
     return Careful(codec, protocol, receiver(name)._names, careful_table(name))
 
 
-def told(event: Arrival) -> tuple[Any, ...]:
+def comparable(event: Arrival) -> tuple[Any, ...]:
     if isinstance(event, FrameArrived):
         return ("frame", event.value.frame, event.value.refusal, plain(event.value), *placed(event))
     if isinstance(event, BadFrame):
@@ -66,7 +66,7 @@ def placed(event: FrameArrived) -> tuple[Any, ...]:
 
 
 def one_by_one(receiver: Receiver, expected: tuple[str, ...]) -> list[tuple[Any, ...]]:
-    return [told(event) for event in iter(lambda: receiver.next(expected), None)]
+    return [comparable(event) for event in iter(lambda: receiver.next(expected), None)]
 
 
 def state(one: Receiver) -> tuple[Any, ...]:
@@ -121,22 +121,22 @@ def compare(name: str, stream: bytes, choose: random.Random, pieces: list[bytes]
         faults = [CharacterFault(0, LineFault.PARITY)] if strange and choose.random() < 0.1 else []
         for each in (slow, one_by_one, quick):
             each.append(piece, now, faults)
-        wanted = [told(event) for event in iter(lambda: slow.next(expected, others), None)]
-        assert [told(event) for event in iter(lambda: one_by_one.next(expected, others), None)] == wanted
-        assert [told(event) for event in quick.arrivals(expected, others)] == wanted
+        wanted = [comparable(event) for event in iter(lambda: slow.next(expected, others), None)]
+        assert [comparable(event) for event in iter(lambda: one_by_one.next(expected, others), None)] == wanted
+        assert [comparable(event) for event in quick.arrivals(expected, others)] == wanted
         assert state(slow) == state(one_by_one) == state(quick)
         if strange and choose.random() < 0.2:
             now += choose.choice((1, 100, 5000)) * MS
             for each in (slow, one_by_one, quick):
                 each.tick(now)
-            wanted = [told(event) for event in iter(lambda: slow.next(expected, others), None)]
-            assert [told(event) for event in iter(lambda: one_by_one.next(expected, others), None)] == wanted
-            assert [told(event) for event in quick.arrivals(expected, others)] == wanted
+            wanted = [comparable(event) for event in iter(lambda: slow.next(expected, others), None)]
+            assert [comparable(event) for event in iter(lambda: one_by_one.next(expected, others), None)] == wanted
+            assert [comparable(event) for event in quick.arrivals(expected, others)] == wanted
             assert state(slow) == state(one_by_one) == state(quick)
     assert (
-        [told(it) for it in slow.reset()]
-        == [told(it) for it in one_by_one.reset()]
-        == [told(it) for it in quick.reset()]
+        [comparable(it) for it in slow.reset()]
+        == [comparable(it) for it in one_by_one.reset()]
+        == [comparable(it) for it in quick.reset()]
     )
 
 
@@ -206,7 +206,7 @@ def test_the_quick_way_finds_the_same_in_rows_of_one_kind(name: str) -> None:
         for now, piece in enumerate(pieces):
             slow.append(piece, now)
             quick.append(piece, now)
-            assert [told(event) for event in quick.arrivals((frame,))] == one_by_one(slow, (frame,))
+            assert [comparable(event) for event in quick.arrivals((frame,))] == one_by_one(slow, (frame,))
             assert state(slow) == state(quick)
 
 
@@ -220,7 +220,7 @@ def test_a_frame_longer_than_what_is_copied_is_found() -> None:
     ):
         for each in (quick, slow):
             each.append(piece, now)
-        assert [told(event) for event in quick.arrivals(expected)] == one_by_one(slow, expected)
+        assert [comparable(event) for event in quick.arrivals(expected)] == one_by_one(slow, expected)
         assert state(slow) == state(quick)
 
 

@@ -602,9 +602,9 @@ def there_and_back(name: str, area: str, unit: str, data: st.DataObject) -> None
     loop = loop_of(name)
     model = loop.protocol.areas[area]
     bits = Address(area, unit, 0).unit_bits
-    there = model.size * model.element_bits // bits
-    count = data.draw(st.integers(1, min(there, 90)))
-    start = data.draw(st.integers(0, there - count).filter(lambda start: (name, start) != ("rack.yaml", 13)))
+    size = model.size * model.element_bits // bits
+    count = data.draw(st.integers(1, min(size, 90)))
+    start = data.draw(st.integers(0, size - count).filter(lambda start: (name, start) != ("rack.yaml", 13)))
     values = data.draw(st.lists(st.integers(0, (1 << bits) - 1), min_size=count, max_size=count))
     for place in loop.memory:
         place.write_bytes(0, bytes(place.size_bytes), force=True)

@@ -151,6 +151,6 @@ def test_a_value_is_no_frame_and_layout_at_once() -> None:
     text = text.replace("type: i16, scale: 0.1}]", "type: i16}, {data: more, size: 1}]")
     text = text.replace("{level: level}}", "{level: level, more: {INNER: {level: 1}}}}", 1)
     named = text.replace("groups:", "layouts: {INNER: [{field: level, type: u8}]}\ngroups:")
-    told = "'INNER' is a frame and a layout, and a value by that name is the frame – give one of them another name"
-    assert [told in problem for problem in problems_of(named) if "INNER" in problem] == [True]
+    message = "'INNER' is a frame and a layout, and a value by that name is the frame – give one of them another name"
+    assert [message in problem for problem in problems_of(named) if "INNER" in problem] == [True]
     assert not any("is a frame and a layout" in problem for problem in problems_of(text))

@@ -34,10 +34,10 @@ def model_read(bits: list[int], width: int, start: int, count: int) -> list[int]
 @st.composite
 def writes(draw: st.DrawFn) -> tuple[str, int, list[int]]:
     unit = draw(st.sampled_from(sorted(UNITS)))
-    there = SIZE * 16 // UNITS[unit]
-    start = draw(st.integers(0, there))
+    size = SIZE * 16 // UNITS[unit]
+    start = draw(st.integers(0, size))
     value = st.integers(0, (1 << UNITS[unit]) - 1)
-    return unit, start, draw(st.lists(value, max_size=min(there - start, 40)))
+    return unit, start, draw(st.lists(value, max_size=min(size - start, 40)))
 
 
 @given(st.lists(writes(), max_size=8))
@@ -50,8 +50,8 @@ def test_every_view_agrees_with_a_model_of_single_bits(history: list[tuple[str, 
         for number, value in enumerate(values, start):
             bits[number * width : (number + 1) * width] = [value >> place & 1 for place in range(width)]
     for unit, width in UNITS.items():
-        there = SIZE * 16 // width
-        assert area.read(unit, 0, there) == model_read(bits, width, 0, there)
+        size = SIZE * 16 // width
+        assert area.read(unit, 0, size) == model_read(bits, width, 0, size)
     assert list(area.read_bytes(0, 2 * SIZE)) == model_read(bits, 8, 0, 2 * SIZE)
 
 

@@ -40,9 +40,9 @@ def test_areas_are_found_by_name_and_alias() -> None:
 @st.composite
 def word_writes(draw: st.DrawFn) -> tuple[str, int, list[int]]:
     unit, width = draw(st.sampled_from([("bit", 1), ("byte", 8), ("word", 16), ("dword", 32)]))
-    there = WORDS * 16 // width
-    start = draw(st.integers(0, there - 1))
-    values = st.lists(st.integers(0, min(3, (1 << width) - 1)), max_size=min(there - start, 40))
+    size = WORDS * 16 // width
+    start = draw(st.integers(0, size - 1))
+    values = st.lists(st.integers(0, min(3, (1 << width) - 1)), max_size=min(size - start, 40))
     return unit, start, draw(values)
 
 

@@ -49,10 +49,10 @@ async def _change(path: Path, log: Path, last: int, pause: float) -> None:
     os.write(file, b"s %d\n" % number)
     run = AsyncRun(path)
     waiting = run._service.sinks.feeders[0]._waiting
-    told: set[int] = set()
+    stored: set[int] = set()
 
     def changed(value: PointValue) -> None:
-        told.add(value.value)
+        stored.add(value.value)
 
     async with run:
         run.points.watch(changed)
@@ -61,7 +61,7 @@ async def _change(path: Path, log: Path, last: int, pause: float) -> None:
                 number += 1
                 os.write(file, b"b %d\n" % number)
                 run.memory[f"%MW{10 + number % POINTS}"] = number
-                while number not in told:
+                while number not in stored:
                     await asyncio.sleep(0)
                 await asyncio.sleep(pause)
             while waiting.unsaved:

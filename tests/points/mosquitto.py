@@ -18,8 +18,8 @@ needs_mosquitto = pytest.mark.skipif(BINARY is None, reason="mosquitto is not in
 
 
 def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as there:
-        port: int = there.getsockname()[1]
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port: int = listener.getsockname()[1]
     return port
 
 

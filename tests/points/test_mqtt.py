@@ -117,13 +117,13 @@ def test_home_assistant_is_told(tmp_path: Path) -> None:
         with VirtualRun(boiler(tmp_path, broker.port, ", commands: yes, discovery: homeassistant")) as run:
             run.run_for("1500 ms")
         listener.wait(lambda: len(listener.heard) == 3)
-    told = {topic: json.loads(payload) for topic, payload, _ in listener.heard}
-    sensor = told["homeassistant/sensor/framekit_boiler_temperature/config"]
+    messages = {topic: json.loads(payload) for topic, payload, _ in listener.heard}
+    sensor = messages["homeassistant/sensor/framekit_boiler_temperature/config"]
     assert (sensor["state_topic"], sensor["unit_of_measurement"]) == ("framekit/boiler/temperature", "°C")
-    number = told["homeassistant/number/framekit_boiler_setpoint/config"]
+    number = messages["homeassistant/number/framekit_boiler_setpoint/config"]
     assert (number["min"], number["max"], number["step"]) == (5, 60, 0.1)
     assert number["command_topic"] == "framekit/boiler/setpoint/set"
-    assert told["homeassistant/select/framekit_boiler_mode/config"]["options"] == ["off", "heating"]
+    assert messages["homeassistant/select/framekit_boiler_mode/config"]["options"] == ["off", "heating"]
 
 
 def certificates(folder: Path) -> None:

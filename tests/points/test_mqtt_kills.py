@@ -51,19 +51,19 @@ class Network:
             except OSError:
                 return
             try:
-                there = socket.create_connection(("127.0.0.1", self._to), 1)
+                server = socket.create_connection(("127.0.0.1", self._to), 1)
             except OSError:
                 here.close()
                 continue
             with self._lock:
                 is_up = self.is_up
                 if is_up:
-                    self._open |= {here, there}
+                    self._open |= {here, server}
             if not is_up:
                 here.close()
-                there.close()
+                server.close()
                 continue
-            for one, other in ((here, there), (there, here)):
+            for one, other in ((here, server), (server, here)):
                 threading.Thread(target=self._pass, args=(one, other), daemon=True).start()
 
     def _pass(self, one: socket.socket, other: socket.socket) -> None:

@@ -158,9 +158,9 @@ def test_a_client_writes_what_may_be_written(
 
         with_client(port, work)
         assert run.device("meter").read("40005") == [33]
-    told = [record.getMessage() for record in caplog.records if "by OPC UA" in record.getMessage()]
-    assert any("setpoint" in one and "33" in one and "127.0.0.1" in one for one in told)
-    assert any("99 is not in 0..50" in one for one in told)
+    messages = [record.getMessage() for record in caplog.records if "by OPC UA" in record.getMessage()]
+    assert any("setpoint" in one and "33" in one and "127.0.0.1" in one for one in messages)
+    assert any("99 is not in 0..50" in one for one in messages)
 
 
 def certificate(folder: Path, uri: str) -> tuple[Path, Path]:

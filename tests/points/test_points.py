@@ -286,10 +286,10 @@ def test_quality_follows_the_device(tmp_path: Path) -> None:
     (tmp_path / "plant.run.yaml").write_text(text, "utf-8")
     run = VirtualRun(tmp_path / "plant.run.yaml")
     assert run.points["a"].now == PointValue("a")
-    told: list[tuple[str, Any]] = []
-    run.points.watch(lambda value: told.append((value.quality, value.value)))
+    changes: list[tuple[str, Any]] = []
+    run.points.watch(lambda value: changes.append((value.quality, value.value)))
     run.run_for("20 s")
-    assert told == [("good", 7), ("failed", 7), ("good", 7)]
+    assert changes == [("good", 7), ("failed", 7), ("good", 7)]
     run.stop()
 
 
@@ -338,13 +338,13 @@ def test_the_time_is_that_of_the_reply(tmp_path: Path) -> None:
 
 def test_small_changes_are_not_told(tmp_path: Path) -> None:
     run = run_of(tmp_path, 'a: {channel: 1, address: "40001", scale: 0.1, deadband: 0.5}', '"40001": 100')
-    told: list[Any] = []
-    run.points.watch(lambda value: told.append(value.value))
+    changes: list[Any] = []
+    run.points.watch(lambda value: changes.append(value.value))
     run.run_for("500 ms")
     for number in (103, 105, 106, 110, 112, 100):
         run.device("meter").write("40001", number)
         run.run_for("1 s")
-    assert told == [10.0, 10.6, 11.2, 10.0]
+    assert changes == [10.0, 10.6, 11.2, 10.0]
     assert run.points["a"].value == 10.0
     run.stop()
 
@@ -365,8 +365,8 @@ def test_points_of_the_own_memory_follow_it_and_its_blocks(tmp_path: Path) -> No
     device_in(tmp_path, '"40001": [1, 2, 3]')
     (tmp_path / "own.run.yaml").write_text(OWN, "utf-8")
     run = VirtualRun(tmp_path / "own.run.yaml")
-    told: list[tuple[str, Any, str]] = []
-    run.points.watch(lambda value: told.append((value.name, value.value, value.quality)))
+    changes: list[tuple[str, Any, str]] = []
+    run.points.watch(lambda value: changes.append((value.name, value.value, value.quality)))
     run.run_for("500 ms")
     assert (run.points["free"].now.value, run.points["read"].now.quality) == (0, "stale")
     run.run_for("1 s")
@@ -374,7 +374,7 @@ def test_points_of_the_own_memory_follow_it_and_its_blocks(tmp_path: Path) -> No
     run.run_for("1 ms")
     run.points["free"].write(6)
     run.run_for("1 ms")
-    assert told == [("free", 0, "good"), ("read", 0.2, "good"), ("free", 5, "good"), ("free", 6, "good")]
+    assert changes == [("free", 0, "good"), ("read", 0.2, "good"), ("free", 5, "good"), ("free", 6, "good")]
     assert run.memory["M100"] == 6
     run.stop()
 
@@ -464,7 +464,7 @@ def test_writes_that_never_happen_are_told(tmp_path: Path) -> None:
 
 def test_listeners_that_end_or_fail_leave_the_others_alone(tmp_path: Path) -> None:
     run = run_of(tmp_path, 'a: {channel: 1, address: "40001"}', '"40001": 7')
-    told: list[Any] = []
+    changes: list[Any] = []
     ends: list[Any] = []
 
     def once(value: PointValue) -> None:
@@ -472,9 +472,9 @@ def test_listeners_that_end_or_fail_leave_the_others_alone(tmp_path: Path) -> No
 
     ends.append(run.points.watch(once))
     run.points.watch(lambda value: 1 // 0)
-    run.points.watch(lambda value: told.append(value.value))
+    run.points.watch(lambda value: changes.append(value.value))
     run.run_for("1500 ms")
-    assert told == [7]
+    assert changes == [7]
     run.stop()
 
 
@@ -494,13 +494,13 @@ def test_a_change_beside_a_point_is_none_and_clock_bits_tick(tmp_path: Path) -> 
     device_in(tmp_path, '"40001": 1')
     (tmp_path / "bits.run.yaml").write_text(BITS, "utf-8")
     run = VirtualRun(tmp_path / "bits.run.yaml")
-    told: list[tuple[str, Any, str]] = []
-    run.points.watch(lambda value: told.append((value.name, value.value, value.quality)))
+    changes: list[tuple[str, Any, str]] = []
+    run.points.watch(lambda value: changes.append((value.name, value.value, value.quality)))
     run.run_for("2600 ms")
     run.memory["M02005"] = 1
     run.run_for("1 ms")
-    assert [one for one in told if one[0] == "bit"] == [("bit", None, "failed")]
-    assert len([one for one in told if one[0] == "clock"]) >= 4
+    assert [one for one in changes if one[0] == "bit"] == [("bit", None, "failed")]
+    assert len([one for one in changes if one[0] == "clock"]) >= 4
     run.stop()
 
 

@@ -34,8 +34,8 @@ def metrics(port: int) -> dict[str, dict[str, float]]:
 
 
 def test_values_and_counters_are_fetched(tmp_path: Path) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as there:
-        port = there.getsockname()[1]
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port = listener.getsockname()[1]
     run = Run(run_file(tmp_path, f"{{prometheus: {port}}}"))
     with run:
         run.next_end(-1, timeout=10)
@@ -88,5 +88,5 @@ def test_a_missing_library_is_told_in_one_message(tmp_path: Path, monkeypatch: p
     with pytest.raises(DefinitionError) as error:
         loaded(run_file(tmp_path, "{prometheus: 9101}"))
     (problem,) = error.value.problems
-    told = "the library prometheus-client, which is not installed – install it: pip install prometheus-client"
-    assert str(problem).endswith(told)
+    message = "the library prometheus-client, which is not installed – install it: pip install prometheus-client"
+    assert str(problem).endswith(message)

@@ -264,11 +264,11 @@ def test_a_run_fills_its_sinks(tmp_path: Path) -> None:
 
 
 def test_a_sink_in_real_time_has_everything_at_the_end(tmp_path: Path) -> None:
-    told = threading.Event()
+    report = threading.Event()
     run = Run(run_file(tmp_path, "{jsonl: values.jsonl}"))
-    run.points.watch(lambda value: told.set())
+    run.points.watch(lambda value: report.set())
     with run:
-        assert told.wait(10)
+        assert report.wait(10)
     assert len(lines_of(tmp_path / "values.jsonl")) == 2
 
 
@@ -533,12 +533,12 @@ def test_an_answer_that_cannot_be_told_is_logged(caplog: pytest.LogCaptureFixtur
                 raise ValueError("'much' is no number")
             told(None)
 
-    def told(why: str) -> None:
+    def report(why: str) -> None:
         raise RecursionError(f"too deep, {why or 'well'}")
 
     host = SinkHost("plant", cast(Clock, None), cast(PointService, Points()))
     for value in ("much", 5):
-        host.write("level", value, "anna", told)
+        host.write("level", value, "anna", report)
     lost = [one.getMessage() for one in caplog.records if "lost" in one.getMessage()]
     head = "point level: the answer to anna is lost: too deep, "
     assert lost == [head + "'much' is no number", head + "well"]

@@ -187,11 +187,11 @@ def soak(folder: Path, seconds: float, pause: float) -> Counter[str]:
         places = {"prometheus": free_port(), "opcua": free_port(), "postgres": postgres.port, "influx": lines.port}
         ports = {number: server.port for number, server in servers.items()}
         path = write_run(folder, ports, broker=network.port, secret=postgres.password_file, **places)
-        told: Histories = defaultdict(list)
+        reported: Histories = defaultdict(list)
 
         def changed(value: PointValue) -> None:
             if value.quality == "good":
-                told[value.name].append(value.value)
+                reported[value.name].append(value.value)
 
         run = framekit.Run(path)
         run.points.watch(changed)
@@ -215,7 +215,7 @@ def soak(folder: Path, seconds: float, pause: float) -> Counter[str]:
                     postgres.kill()
                     time.sleep(pause / 6)
                     postgres.start()
-            shown = shown_by_metrics(places["prometheus"]), shown_by_nodes(places["opcua"], list(told))
+            shown = shown_by_metrics(places["prometheus"]), shown_by_nodes(places["opcua"], list(reported))
             for channel in servers:
                 run.enable_channel(channel, False)
             _until(lambda: not any(sink.waiting for sink in run.status().sinks), f"{run.status().sinks}")
@@ -230,16 +230,16 @@ def soak(folder: Path, seconds: float, pause: float) -> Counter[str]:
         found["postgres"] = kept(
             postgres.rows("select point, value from history where quality = 'good' order by point, time")
         )
-    assert len(told) == CHANNELS * POINTS
+    assert len(reported) == CHANNELS * POINTS
     for sink, histories in found.items():
-        for name, values in told.items():
+        for name, values in reported.items():
             assert values == sorted(set(values)), f"{name} goes back"
             had = histories.get(name, [])
             assert had == values, f"{sink}: {name}: {len(had)} of {len(values)}, {_first_difference(had, values)}"
         figures[f"values in {sink}"] = sum(map(len, histories.values()))
     for of_sink in shown:
-        assert of_sink.keys() == told.keys()
-        assert all(of_sink[name] in values[len(values) // 2 :] for name, values in told.items())
+        assert of_sink.keys() == reported.keys()
+        assert all(of_sink[name] in values[len(values) // 2 :] for name, values in reported.items())
     assert not any(sink.dropped for sink in status.sinks)
     taken = {
         f"{sink.kind} has taken": sink.written for sink in status.sinks if sink.kind not in ("prometheus", "opcua")
@@ -250,7 +250,7 @@ def soak(folder: Path, seconds: float, pause: float) -> Counter[str]:
         ended = sum(block.done + block.failed for block in status.blocks if block.channel == channel.number)
         assert ended == served[channel.number], f"{ended} exchanges of channel {channel.number}, {served}"
         figures["exchanges"] += ended
-    figures["changes"] = sum(map(len, told.values()))
+    figures["changes"] = sum(map(len, reported.values()))
     return figures
 
 

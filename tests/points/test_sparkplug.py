@@ -161,8 +161,8 @@ def test_what_waited_is_history_and_a_cut_tells_the_death(tmp_path: Path) -> Non
         births = [read(one)[1][0]["long"] for one in listener.of(BIRTH)]
         assert [read(one)[1][0]["long"] for one in listener.of(DEATH)] == births
         assert births[1] == (births[0] + 1) % 256
-        told = [metric for one in listener.of(DATA) for metric in read(one)[1]]
-        values = [(one["double"], "historical" in one) for one in told if one["alias"] == 1]
+        metrics = [metric for one in listener.of(DATA) for metric in read(one)[1]]
+        values = [(one["double"], "historical" in one) for one in metrics if one["alias"] == 1]
         assert values[:2] == [(21.7, True), (23.0, True)] and values[3] == (24.0, False)
 
 

@@ -78,7 +78,7 @@ def test_a_file_of_something_else_and_one_that_is_taken(tmp_path: Path) -> None:
 def test_what_was_added_outlasts_a_kill(tmp_path: Path) -> None:
     """A process adds samples and reports their number until it is killed; the reported samples are in the file."""
     path = tmp_path / "a.db"
-    told = 0
+    reported = 0
     for most in (30, 400):
         reading, writing = os.pipe()
         child = os.fork()
@@ -87,13 +87,13 @@ def test_what_was_added_outlasts_a_kill(tmp_path: Path) -> None:
         os.close(writing)
         with os.fdopen(reading, "rb") as answers:
             for _ in range(most):
-                told = int(answers.readline())
+                reported = int(answers.readline())
             os.kill(child, signal.SIGKILL)
-            told = max([told, *map(int, answers.read().splitlines(keepends=True)[:-1])])
+            reported = max([reported, *map(int, answers.read().splitlines(keepends=True)[:-1])])
         os.waitpid(child, 0)
     store = opened(path, most=10_000_000)
     values = [one.values[0].value for one in store.first(10_000_000)[1]]
-    assert values == list(range(len(values))) and len(values) >= told
+    assert values == list(range(len(values))) and len(values) >= reported
     store.close()
 
 

@@ -211,15 +211,15 @@ def test_a_full_disk_is_told_at_once_and_when_it_is_over(
     run = str(run_file(tmp_path, "{csv: every.csv, every: 1 s}"))
     monkeypatch.setattr(os, "write", FullDisk(range(4, 6)))
     assert main(["run", run, "--virtual", "--for", "5500ms", "--status-every", "2500ms"]) == 0
-    told = capsys.readouterr()
-    assert told.err.splitlines() == [
+    output = capsys.readouterr()
+    assert output.err.splitlines() == [
         f"sink csv {tmp_path}/every.csv: No space left on device – make room there; "
         "1 sample waits, the oldest are dropped from 100,000 on",
         f"sink csv {tmp_path}/every.csv: works again after 2.0 s, no sample was lost",
     ]
-    shown = told.out.split("status at ")[1]
+    shown = output.out.split("status at ")[1]
     assert "trouble" in shown and "No space left on device" in shown.partition("trouble")[2]
-    assert "trouble" not in told.out.split("status at ")[2]
+    assert "trouble" not in output.out.split("status at ")[2]
 
 
 @pytest.mark.usefixtures("small_heap")
@@ -251,9 +251,9 @@ def test_a_run_that_cannot_write_ends_before_it_starts(tmp_path: Path, capsys: p
     (tmp_path / "taken").write_text("")
     run = str(run_file(tmp_path, "{csv: taken/a.csv}", "{sqlite: taken/a.db}"))
     assert main(["run", run, "--for", "1h"]) == 1
-    told = capsys.readouterr()
-    assert told.out == ""
-    assert told.err.splitlines() == [
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert output.err.splitlines() == [
         f"{run}:{line}:5: {tmp_path}/taken/{file} cannot be opened and written: Not a directory – "
         "make room or change its permissions, or name another file"
         for line, file in ((8, "a.csv"), (9, "a.db"))

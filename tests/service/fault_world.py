@@ -156,14 +156,14 @@ class FaultWorld:
         if self.link.service:
             return outcome
         place = self.device.device.grammar.parse(self.link.address)
-        there = self.device.memory.read(place.area, place.unit, place.start, self.link.count)
+        stored = self.device.memory.read(place.area, place.unit, place.start, self.link.count)
         if write:
             self.known = list(values) if done[0].ok else [None] * self.link.count
-            if done[0].ok and there != values:
-                self.wrong.append(f"{self.number}: written {values}, there is {there}")
-            if not done[0].ok and there not in (values, self.before):
-                self.wrong.append(f"{self.number}: {there} was never written")
-        elif done[0].ok and list(done[0].values) != there:
-            self.wrong.append(f"{self.number}: read {done[0].values}, there is {there}")
-        self.before = there
+            if done[0].ok and stored != values:
+                self.wrong.append(f"{self.number}: written {values}, there is {stored}")
+            if not done[0].ok and stored not in (values, self.before):
+                self.wrong.append(f"{self.number}: {stored} was never written")
+        elif done[0].ok and list(done[0].values) != stored:
+            self.wrong.append(f"{self.number}: read {done[0].values}, there is {stored}")
+        self.before = stored
         return outcome

@@ -68,7 +68,7 @@ class HandPort(Port):
         raise AssertionError(f"nothing here sends a break of {duration} ns")
 
 
-class Told:
+class PollResults:
     """The results of one poll."""
 
     def __init__(self) -> None:
@@ -97,10 +97,10 @@ class Asking:
 
     def poll(
         self, address: str, count: int = 1, *, station: Any, every: int = 0, unit: str | None = None,
-        told: Told | None = None,
-    ) -> tuple[Polling, Told]:  # fmt: skip
+        told: PollResults | None = None,
+    ) -> tuple[Polling, PollResults]:  # fmt: skip
         """Start a poll."""
-        told = Told() if told is None else told
+        told = PollResults() if told is None else told
         polling = Polling(
             self.service, address, station=station, unit=unit, count=count, every=every, on_result=told.result
         )

@@ -37,8 +37,8 @@ def test_only_clients_of_the_networks_are_answered(caplog: pytest.LogCaptureFixt
         assert [answer_at(server.port) for _ in range(3)] == [b""] * 3
         assert server._server.line_errors == {"clients not allowed": 3}
         assert server._server.connections == 0
-    told = [record.getMessage() for record in caplog.records]
-    assert told == ["127.0.0.1 is not allowed as a client: closed; it is counted from now on"]  # reported once only
+    messages = [record.getMessage() for record in caplog.records]
+    assert messages == ["127.0.0.1 is not allowed as a client: closed; it is counted from now on"]  # reported once only
 
 
 def test_senders_of_datagrams_are_refused_too(tmp_path: Path) -> None:

@@ -147,9 +147,9 @@ behave:
 
 def test_an_address_within_a_behaviour_is_an_error(tmp_path: Path) -> None:
     behave = """behave: {"40010": {hold: 1.4, type: float32}, "40001": {follow: "'40011' + 1"}}"""
-    with pytest.raises(framekit.DefinitionError) as told:
+    with pytest.raises(framekit.DefinitionError) as error:
         World(tmp_path, behave)
-    (problem,) = told.value.problems
+    (problem,) = error.value.problems
     assert problem.what == "40011 holds a piece of 40010 (float32), which behaves"
     assert problem.todo == "use '40010'"
     assert (problem.at.line, problem.at.column) == (4, behave.index("'40011'") + 1)
@@ -295,9 +295,9 @@ behave:
   "40004": {follow: 3, after: 1 s}
   "40005": {follow: 3, lag: 1 s}
 """
-    with pytest.raises(framekit.DefinitionError) as told:
+    with pytest.raises(framekit.DefinitionError) as error:
         World(tmp_path, memory + behave)
-    assert [(one.at.column, one.what) for one in told.value.problems] == [
+    assert [(one.at.column, one.what) for one in error.value.problems] == [
         (memory.index('"40001"') + 1, "'40001' has no effect: its value is that of behave: from the start on"),
         (memory.index('"40003"') + 1, "'40003' has no effect: its value is that of behave: from the start on"),
     ]
@@ -388,8 +388,8 @@ def test_files_that_cannot_be_replayed(tmp_path: Path, keys: str, what: str) -> 
         (tmp_path / name).write_text(text, "utf-8")
     (tmp_path / "e.db").write_bytes(b"SQLite format 3\0 and nothing")
     (tmp_path / "f.csv").write_bytes(b"time,\xff\n")
-    with pytest.raises(framekit.DefinitionError) as told:
+    with pytest.raises(framekit.DefinitionError) as error:
         World(tmp_path, f'behave: {{"40001": {{{keys}}}}}')
-    (problem,) = told.value.problems
+    (problem,) = error.value.problems
     assert what in str(problem)
     assert (problem.at.line, problem.at.column) == (4, 28)

@@ -215,10 +215,10 @@ def test_functions_called_for_each_frame_of_a_capture(tmp_path: Path) -> None:
     """Reading, scanning, decoding and displaying the fields; the count was 106 when records were scanned twice."""
     protocol = load_protocol("modbus-rtu")
     codec, plain = compile_protocol(protocol), PlainValues(protocol)
-    asked = codec.encode("request_adu", {"station": 1, "pdu": {"read_holding": {"address": 1, "count": 2}}})
-    told = codec.encode("reply_adu", {"station": 1, "pdu": {"read_holding_reply": {"values": b"1234"}}})
+    request = codec.encode("request_adu", {"station": 1, "pdu": {"read_holding": {"address": 1, "count": 2}}})
+    reply = codec.encode("reply_adu", {"station": 1, "pdu": {"read_holding_reply": {"values": b"1234"}}})
     line = [
-        LineEvent("data", n * 1_000_000_000, "in" if n % 2 else "out", told if n % 2 else asked) for n in range(200)
+        LineEvent("data", n * 1_000_000_000, "in" if n % 2 else "out", reply if n % 2 else request) for n in range(200)
     ]
     decoder = CaptureDecoder(written(tmp_path / "line.pcap", line), protocol)
     frames, calls = [], 0
@@ -243,8 +243,8 @@ def test_functions_called_for_each_frame_of_a_capture(tmp_path: Path) -> None:
 
 
 def test_a_port_closed_while_bytes_still_leave_it_is_shown_closed_after_them(tmp_path: Path) -> None:
-    asked = bytes.fromhex("01 03 00 00 00 02 C4 0B")
-    path = written(tmp_path / "x.pcap", [LineEvent("data", 1_000, "out", asked), LineEvent("closed", 2_000)])
+    request = bytes.fromhex("01 03 00 00 00 02 C4 0B")
+    path = written(tmp_path / "x.pcap", [LineEvent("data", 1_000, "out", request), LineEvent("closed", 2_000)])
     seen = [one for _, one in CaptureDecoder(path, load_protocol("modbus-rtu")).seen()]
     assert [(one.kind, one.frame) for one in seen] == [("frame", "request_adu"), ("closed", "")]
     assert seen[0].at == seen[1].at > 2_000

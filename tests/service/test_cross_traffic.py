@@ -189,10 +189,10 @@ def test_a_sum_lets_pass_what_theory_says() -> None:
 def test_commands_outstanding_are_matched_by_their_number(outstanding: int) -> None:
     clock = VirtualClock()
     line = SimulatedLine(clock, parse_format("8N1", 19200))
-    asking, asked = (Station(one, 3 - one, clock, line, {"outstanding": outstanding}, 0) for one in (1, 2))
-    for station in (asking, asked):
+    asking, peer = (Station(one, 3 - one, clock, line, {"outstanding": outstanding}, 0) for one in (1, 2))
+    for station in (asking, peer):
         station.driver.start()
-    asked.memory.write("file7", "word", 0, list(range(100, 160)))
+    peer.memory.write("file7", "word", 0, list(range(100, 160)))
     clock.run_for(0)
     found: dict[int, Any] = {}
     for place in range(0, 60, 5):
@@ -206,7 +206,7 @@ def test_commands_outstanding_are_matched_by_their_number(outstanding: int) -> N
     most = 0
     while len(found) < 12:
         clock.run_for(1_000_000)
-        most = max(most, len(asked.executed) - len(found))
+        most = max(most, len(peer.executed) - len(found))
     assert found == {place: list(range(100 + place, 105 + place)) for place in range(0, 60, 5)}
     assert (most > 1) == (outstanding > 1), "a second command is executed before the first one's reply has come"
-    assert len(asked.executed) == 12
+    assert len(peer.executed) == 12

@@ -14,10 +14,10 @@ ROLES = [("master", "slave"), ("peer", "peer")]
 @pytest.mark.parametrize("roles", ROLES)
 @pytest.mark.parametrize("count", TRANSFERS)
 def test_transfers_up_to_2_kb(roles: tuple[str, str], count: int) -> None:
-    there = TransferWorld("ccm", *roles, client_own=1, server_own=5, station=5)
-    there.mixed(count, PLACES, longest=1024)
-    assert there.wrong == []
-    assert there.outcomes == {"ok": count}
+    world = TransferWorld("ccm", *roles, client_own=1, server_own=5, station=5)
+    world.mixed(count, PLACES, longest=1024)
+    assert world.wrong == []
+    assert world.outcomes == {"ok": count}
 
 
 @pytest.mark.parametrize("roles", ROLES)
@@ -26,10 +26,10 @@ def test_most_blocks_are_hit_and_most_transfers_succeed(roles: tuple[str, str], 
     """A full block has 2,849 bits, so with one wrong bit in 3,000 more than half of the blocks are refused at first."""
     faults = Faults(bit_errors=1 / 3000, seed=5)
     counts = {"data_count": 30, "header_count": 30}
-    there = TransferWorld("ccm", *roles, client_own=1, server_own=5, station=5, faults=faults, params=counts)
-    there.mixed(count, PLACES, longest=1024)
-    assert there.wrong == []
-    assert there.outcomes.total() == count
-    assert there.outcomes["ok"] > 0.9 * count
-    refused = there.engine.scope.get("block_retries") + there.engine.scope.get("header_retries")
+    world = TransferWorld("ccm", *roles, client_own=1, server_own=5, station=5, faults=faults, params=counts)
+    world.mixed(count, PLACES, longest=1024)
+    assert world.wrong == []
+    assert world.outcomes.total() == count
+    assert world.outcomes["ok"] > 0.9 * count
+    refused = world.engine.scope.get("block_retries") + world.engine.scope.get("header_retries")
     assert refused > count, "on the whole every transfer needed a repeat"

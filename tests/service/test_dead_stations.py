@@ -146,8 +146,8 @@ def test_with_the_defaults_a_dead_station_costs_its_neighbours_little(tmp_path: 
     service.devices[1].start = lambda: None  # type: ignore[method-assign]
     service.start()
     clock.run_for(25 * SECOND)
-    asked = len(tries)
-    assert 4 <= service.states[1].failed == asked - 2 <= 6, "three tries at first, then one each"
+    attempts = len(tries)
+    assert 4 <= service.states[1].failed == attempts - 2 <= 6, "three tries at first, then one each"
     assert [one.block for one in service.status() if one.dead] == [1]
     for number in (0, 2):
         assert len(ends[number]) >= 15, ends[number]
@@ -155,7 +155,7 @@ def test_with_the_defaults_a_dead_station_costs_its_neighbours_little(tmp_path: 
         assert max(gaps) < 3.2 * SECOND, "one time-out and one wait for late replies at most"
     clock.run_for(60 * SECOND)
     assert all(len(ends[number]) >= 15 + 56 for number in (0, 2))
-    assert len(tries) == asked + 1, "once a minute"
+    assert len(tries) == attempts + 1, "once a minute"
 
 
 def test_a_station_that_comes_back_while_it_is_suspected(tmp_path: Path) -> None:

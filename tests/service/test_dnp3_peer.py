@@ -41,13 +41,15 @@ def test_its_outstation_is_asked() -> None:
 
     requests: list[bytes] = []
 
-    class Noted(Outstation):
+    class RecordingOutstation(Outstation):
         def process_request(self, data: bytes, *args: Any, **more: Any) -> Any:
             requests.append(data)
             return super().process_request(data, *args, **more)
 
     async def scenario() -> None:
-        runner = OutstationTcpRunner(Noted(OutstationConfig(address=1024, master_address=1)), "127.0.0.1", 0)
+        runner = OutstationTcpRunner(
+            RecordingOutstation(OutstationConfig(address=1024, master_address=1)), "127.0.0.1", 0
+        )
         running = asyncio.create_task(runner.run())
         async with asyncio.timeout(WAIT):
             while runner.local_address is None:

@@ -102,15 +102,15 @@ def test_a_frame_is_glued_to_the_next() -> None:
 
 
 def test_a_frame_that_was_held_back_goes_out_when_the_next_is_swallowed() -> None:
-    written, told = sent(GLUE, FaultRule(kind="no_reply", every=2))
+    written, events = sent(GLUE, FaultRule(kind="no_reply", every=2))
     assert written == [A, C]
-    assert [what for what, _ in told] == ["opened", "sent", "sent", "sent"], "one for each"
+    assert [what for what, _ in events] == ["opened", "sent", "sent", "sent"], "one for each"
 
 
 def test_a_frame_that_was_held_back_leaves_before_the_line_is_lost() -> None:
-    written, told = sent(GLUE, FaultRule(kind="disconnect", every=2, time=500 * MS))
+    written, events = sent(GLUE, FaultRule(kind="disconnect", every=2, time=500 * MS))
     assert written == [A]
-    assert told[-1] == ("disconnected by the fault plan", 11 * MS), "1 ms after it began"
+    assert events[-1] == ("disconnected by the fault plan", 11 * MS), "1 ms after it began"
 
 
 @pytest.mark.parametrize("times", [2, 3])

@@ -114,8 +114,8 @@ def test_where_a_fraction_cannot_be_stored_nothing_is(folder: Path) -> None:
         f"cannot_store: {what} – name a double word, which holds it as a floating-point number",
     )
     path = run_of(folder, '{call: get, into: {t: M100.3, x: "%MB7"}, every: 1 s}')
-    told = [str(problem).partition(": ")[2] for problem in check_file(str(path)).problems]
-    assert [one.partition(" – ")[0] for one in told] == [
+    messages = [str(problem).partition(": ")[2] for problem in check_file(str(path)).problems]
+    assert [one.partition(" – ")[0] for one in messages] == [
         "'t' may have a fraction, and M100.3 is a bit", "'x' may have a fraction, and %MB7 is a byte",
     ]  # fmt: skip
 

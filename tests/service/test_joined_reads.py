@@ -104,9 +104,9 @@ blocks:
 """,
     )
     bench.clock.run_for(10 * SECOND)
-    asked = [(seen.raw[0], seen.at) for seen in bench.seen if seen.direction == "out" and seen.raw]
-    assert [station for station, _ in asked] == [7, 7, 8, 9, 9, 9, 9, 7, 7]
-    pauses = [(asked[place + 1][1] - asked[place][1]) // 1_000_000 for place in (0, 3, 7)]
+    requests = [(seen.raw[0], seen.at) for seen in bench.seen if seen.direction == "out" and seen.raw]
+    assert [station for station, _ in requests] == [7, 7, 8, 9, 9, 9, 9, 7, 7]
+    pauses = [(requests[place + 1][1] - requests[place][1]) // 1_000_000 for place in (0, 3, 7)]
     assert [200 <= pauses[0] < 215, 50 <= pauses[1] < 65, 200 <= pauses[2] < 215] == [True] * 3
 
 

@@ -52,7 +52,7 @@ def change(path: Path, old: str, new: str) -> None:
 
 
 @pytest.fixture
-def one(folder: Path) -> Path:
+def with_one_channel(folder: Path) -> Path:
     """Reduce CHAN4 in the folder to its first channel, which is faster."""
     path = folder / "chan4.run.yaml"
     lines = path.read_text(encoding="utf-8").splitlines(keepends=True)

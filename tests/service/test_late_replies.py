@@ -76,8 +76,8 @@ def test_late_lost_and_damaged_ones_together(name: str) -> None:
     world = LateWorld(name, *rules, watched=True)
     world.exchanges(250)
     assert world.wrong == [] and world.outcomes.total() == 250 and world.late > 0
-    told = [one for one in world.seen if one.kind == "not_taken" and one.reason.startswith("late")]
-    assert len(told) == world.late
+    late_frames = [one for one in world.seen if one.kind == "not_taken" and one.reason.startswith("late")]
+    assert len(late_frames) == world.late
 
 
 @pytest.mark.parametrize("name", USUAL)

@@ -255,22 +255,22 @@ def test_a_client_through_an_rfc2217_server() -> None:
 def test_udp_on_both_sides() -> None:
     async def check() -> None:
         clock = AsyncioClock(asyncio.get_running_loop())
-        there = UdpPort("127.0.0.1", 0, clock, listens=True)
-        hears = await opened(there)
-        here = open_port(f"udp://127.0.0.1:{there.number}", None, clock)
+        far_port = UdpPort("127.0.0.1", 0, clock, listens=True)
+        hears = await opened(far_port)
+        here = open_port(f"udp://127.0.0.1:{far_port.number}", None, clock)
         events = await opened(here)
-        there.write(b"nobody has asked yet")
+        far_port.write(b"nobody has asked yet")
         await hears.until("sent")
         here.write(b"ask")
         assert await hears.bytes(3) == b"ask"
-        there.write(b"answer")
+        far_port.write(b"answer")
         assert await events.bytes(6) == b"answer"
-        other = open_port(f"udp://127.0.0.1:{there.number}", None, clock)
+        other = open_port(f"udp://127.0.0.1:{far_port.number}", None, clock)
         others = await opened(other)
         other.write(b"me too")
         assert await hears.bytes(6) == b"me too"
         assert hears.seen.count("other sender") == 1
-        there.write(b"only you")
+        far_port.write(b"only you")
         assert await others.bytes(8) == b"only you"
         assert events.seen.count("received") == 1, "the answer went to the one who asked last"
         stranger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -279,13 +279,13 @@ def test_udp_on_both_sides() -> None:
         stranger.close()
         here.write(b"ask")
         assert await hears.bytes(3) == b"ask"
-        there.write(b"answer")
+        far_port.write(b"answer")
         assert await events.bytes(6) == b"answer", "what a stranger sends is not taken"
-        taken = UdpPort("127.0.0.1", there.number, clock, listens=True)
+        taken = UdpPort("127.0.0.1", far_port.number, clock, listens=True)
         refused = type(hears)()
         taken.open(refused)
         assert "cannot listen" in await refused.until("closed")
-        for port in (here, there, other):
+        for port in (here, far_port, other):
             port.close()
 
     run_real(check())
@@ -297,11 +297,11 @@ def test_datagrams_of_two_senders_on_one_port_make_no_frame_together() -> None:
     async def check() -> None:
         clock = AsyncioClock(asyncio.get_running_loop())
         [device] = load_devices("modbus-rtu", Path.cwd())
-        there, states = UdpPort("127.0.0.1", 0, clock, listens=True), asyncio.Queue[str]()
-        service = DeviceService(device, there, clock, None, on_state=states.put_nowait)
+        far_port, states = UdpPort("127.0.0.1", 0, clock, listens=True), asyncio.Queue[str]()
+        service = DeviceService(device, far_port, clock, None, on_state=states.put_nowait)
         service.start()
         assert await states.get() == "open"
-        one, other = (open_port(f"udp://127.0.0.1:{there.number}", None, clock) for _ in range(2))
+        one, other = (open_port(f"udp://127.0.0.1:{far_port.number}", None, clock) for _ in range(2))
         await opened(one)
         answers = await opened(other)
         one.write(ask[:5])
@@ -311,7 +311,7 @@ def test_datagrams_of_two_senders_on_one_port_make_no_frame_together() -> None:
         assert service.store.counters.done == 1
         counters = service.engine.counters
         assert (counters.received, counters.bad) == (1, 1) and counters.noise_bytes > 0
-        for port in (one, other, there):
+        for port in (one, other, far_port):
             port.close()
 
     run_real(check())

@@ -27,30 +27,30 @@ def world(protocol: str, faults: Faults | None = None, **params: Any) -> Transfe
 @pytest.mark.parametrize("protocol", STATIONS)
 @pytest.mark.parametrize("count", TRANSFERS)
 def test_transfers_up_to_2_kb(protocol: str, count: int) -> None:
-    there = world(protocol)
-    there.mixed(count, PLACES, longest=1024)
-    assert there.wrong == []
-    assert there.outcomes == {"ok": count}
+    transfers = world(protocol)
+    transfers.mixed(count, PLACES, longest=1024)
+    assert transfers.wrong == []
+    assert transfers.outcomes == {"ok": count}
 
 
 @pytest.mark.parametrize("count", TRANSFERS)
 def test_messages_are_hit_and_most_transfers_succeed(count: int) -> None:
     """A message of 208 characters has 2,288 bits: with one wrong bit in 3,000, every second message is damaged."""
-    there = world("snp", Faults(bit_errors=1 / 3000, seed=5), own_data_size=200, retries=8)
-    there.mixed(count, PLACES, longest=1024)
-    assert there.wrong == []
-    assert there.outcomes.total() == count
-    assert there.outcomes["ok"] > 0.9 * count
-    naks = there.engine.scope.get("naks_sent") + there.server.scope.get("naks_sent")
+    transfers = world("snp", Faults(bit_errors=1 / 3000, seed=5), own_data_size=200, retries=8)
+    transfers.mixed(count, PLACES, longest=1024)
+    assert transfers.wrong == []
+    assert transfers.outcomes.total() == count
+    assert transfers.outcomes["ok"] > 0.9 * count
+    naks = transfers.engine.scope.get("naks_sent") + transfers.server.scope.get("naks_sent")
     assert naks > 0.7 * count, "on the whole most transfers needed a repeat"
 
 
 def test_short_messages_are_never_repeated_and_never_wrong() -> None:
-    there = world("snp-x", Faults(bit_errors=1 / 15000, seed=5))
-    there.mixed(300, PLACES, longest=1024)
-    assert there.wrong == []
-    assert there.outcomes.total() == 300
-    assert 240 < there.outcomes["ok"] < 300
+    transfers = world("snp-x", Faults(bit_errors=1 / 15000, seed=5))
+    transfers.mixed(300, PLACES, longest=1024)
+    assert transfers.wrong == []
+    assert transfers.outcomes.total() == 300
+    assert 240 < transfers.outcomes["ok"] < 300
 
 
 class Bench:
@@ -169,42 +169,42 @@ def test_a_program_is_stored_and_loaded() -> None:
 
 
 def test_task_and_block_memory_of_the_large_family() -> None:
-    there = world("snp", family="90-70", task="STAT_1", block="SUB1")
+    transfers = world("snp", family="90-70", task="STAT_1", block="SUB1")
 
     def done(method: Any, *arguments: Any, **options: Any) -> TransferResult:
-        return there.do(lambda **keys: method(*arguments, station=there.station, **options, **keys))
+        return transfers.do(lambda **keys: method(*arguments, station=transfers.station, **options, **keys))
 
     for address in ("P39", "L9"):
-        assert done(there.client.write, address, [0x4A9B, 0x3463, 0x1ACB, 0x91D4, 0x8BC3]).ok
-        assert done(there.client.read, address, count=5).values == [0x4A9B, 0x3463, 0x1ACB, 0x91D4, 0x8BC3]
-        assert done(there.client.read, address, count=2).values == [0x4A9B, 0x3463]
+        assert done(transfers.client.write, address, [0x4A9B, 0x3463, 0x1ACB, 0x91D4, 0x8BC3]).ok
+        assert done(transfers.client.read, address, count=5).values == [0x4A9B, 0x3463, 0x1ACB, 0x91D4, 0x8BC3]
+        assert done(transfers.client.read, address, count=2).values == [0x4A9B, 0x3463]
 
 
 @pytest.mark.parametrize("protocol", STATIONS)
 @pytest.mark.parametrize("area", ["I", "Q", "T", "M", "SA", "SB", "SC", "G"])
 def test_points_bytes_and_masks(protocol: str, area: str) -> None:
     """Points that are not aligned to bytes are written separately; the same memory is read as bytes."""
-    there = world(protocol)
+    transfers = world(protocol)
 
     def done(method: Any, *arguments: Any, **options: Any) -> TransferResult:
-        return there.do(lambda **keys: method(*arguments, station=there.station, **options, **keys))
+        return transfers.do(lambda **keys: method(*arguments, station=transfers.station, **options, **keys))
 
-    there.memory.write(area, "bit", 0, [1] * 32)
-    assert done(there.client.write, f"{area}11", [0] * 11).ok
-    assert there.memory.read(area, "bit", 0, 32) == [1] * 10 + [0] * 11 + [1] * 11
-    assert done(there.client.read, f"%{area}9", count=14).values == [1, 1] + [0] * 11 + [1]
-    assert done(there.client.read, f"{area}1", count=4, unit="byte").values == [0xFF, 0x03, 0xE0, 0xFF]
-    assert done(there.client.write, f"{area}9", [0x55], unit="byte").ok
-    assert there.memory.read(area, "bit", 8, 8) == [1, 0] * 4
+    transfers.memory.write(area, "bit", 0, [1] * 32)
+    assert done(transfers.client.write, f"{area}11", [0] * 11).ok
+    assert transfers.memory.read(area, "bit", 0, 32) == [1] * 10 + [0] * 11 + [1] * 11
+    assert done(transfers.client.read, f"%{area}9", count=14).values == [1, 1] + [0] * 11 + [1]
+    assert done(transfers.client.read, f"{area}1", count=4, unit="byte").values == [0xFF, 0x03, 0xE0, 0xFF]
+    assert done(transfers.client.write, f"{area}9", [0x55], unit="byte").ok
+    assert transfers.memory.read(area, "bit", 8, 8) == [1, 0] * 4
 
 
 def test_a_lost_session_is_opened_anew() -> None:
-    there = world("snp")
+    transfers = world("snp")
 
     def read() -> TransferResult:
-        return there.do(lambda **keys: there.client.read("R1", station=there.station, **keys))
+        return transfers.do(lambda **keys: transfers.client.read("R1", station=transfers.station, **keys))
 
     assert read().ok
-    there.drivers[0].do(there.server.line_break)
+    transfers.drivers[0].do(transfers.server.line_break)
     assert read().outcome == "no_acknowledge"
     assert read().ok

@@ -283,12 +283,12 @@ def test_a_second_signal_ends_a_run_whose_modem_does_not_hang_up(tmp_path: Path)
     async def check() -> None:
         phone = Telephone("CONNECT", has_echo=True, has_words=True)
         cable, heard = phone.cable, bytearray()
-        asked, escaped = asyncio.Event(), asyncio.Event()
+        requested, escaped = asyncio.Event(), asyncio.Event()
 
         def answer(data: bytes) -> bytes:
             reply = phone.pump(data)
             if reply:
-                phone.loop.call_soon(asked.set)
+                phone.loop.call_soon(requested.set)
             return reply
 
         def hear() -> None:
@@ -308,7 +308,7 @@ def test_a_second_signal_ends_a_run_whose_modem_does_not_hang_up(tmp_path: Path)
             sys.executable, "-m", "framekit", "run", str(path),
             stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
         )  # fmt: skip
-        await asked.wait()
+        await requested.wait()
         phone.loop.remove_reader(cable.fileno())
         phone.loop.add_reader(cable.fileno(), hear)
         process.send_signal(signal.SIGINT)

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import pytest
 from service.fault_world import LINKS, Link
-from service.poll_world import MS, SECOND, ByHand, OnLine, Told
+from service.poll_world import MS, SECOND, ByHand, OnLine, PollResults
 
 from framekit.link.services.client import TransferResult
 from framekit.service.client import LEAST_PAUSE, Polling
@@ -30,14 +30,14 @@ def test_every_reply_has_what_the_device_held(link: Link, watched: bool) -> None
     world = OnLine(link, watched=watched)
     chance = random.Random(str(link))
     held: list[tuple[int, ...]] = []
-    told = Told()
+    results = PollResults()
 
     def change() -> None:
         values = [chance.choice((0, 1, 0x0D, 0x1003, 0x7FFF, chance.getrandbits(15))) for _ in range(4)]
         world.put(values)
         held.append(tuple(values))
 
-    class Changing(Told):
+    class Changing(PollResults):
         """Change the device's values with every reply, so the next reply must differ."""
 
         def numbers(self, values: tuple[int, ...]) -> None:
@@ -45,11 +45,11 @@ def test_every_reply_has_what_the_device_held(link: Link, watched: bool) -> None
             change()
 
     change()
-    polling, told = world.poll(link.address, 4, station=link.station, told=Changing())
-    world.until(lambda: len(told.values) + len(told.failures) >= 12)
+    polling, results = world.poll(link.address, 4, station=link.station, told=Changing())
+    world.until(lambda: len(results.values) + len(results.failures) >= 12)
     polling.stop()
-    assert told.failures == []
-    assert told.values == held[: len(told.values)]
+    assert results.failures == []
+    assert results.values == held[: len(results.values)]
     if watched:
         assert sum(seen.kind == "frame" for seen in world.seen) >= 24, "everything is shown"
     read = world.read(link.address, 4, station=link.station)
@@ -61,20 +61,20 @@ def test_every_reply_has_what_the_device_held(link: Link, watched: bool) -> None
 @pytest.mark.parametrize("protocol", ["modbus-tcp", "modbus-rtu", "modbus-ascii"])
 def test_bits(protocol: str, at_once: bool, watched: bool) -> None:
     world = ByHand(protocol, at_once=at_once, watched=watched)
-    _polling, told = world.poll("00003", 11, station=1)
+    _polling, results = world.poll("00003", 11, station=1)
     chance, held = random.Random(3), []
     for _ in range(10):
         bits = [chance.getrandbits(1) for _ in range(16)]
         world.memory.write("coil", "bit", 0, bits)
         held.append(tuple(bits[2:13]))
         world.answer()
-    assert (told.values, told.failures) == (held, [])
+    assert (results.values, results.failures) == (held, [])
 
 
 @WAYS
 def test_what_a_reply_has_is_what_a_read_gives(at_once: bool) -> None:
     world = ByHand("modbus-tcp", at_once=at_once)
-    polling, told = world.poll("40001", 3, station=1)
+    polling, results = world.poll("40001", 3, station=1)
     for number in range(6):
         world.put(number, 0xFFFF - number, 7 * number)
         world.answer()
@@ -82,12 +82,12 @@ def test_what_a_reply_has_is_what_a_read_gives(at_once: bool) -> None:
     world.answer()
     read = world.read("40001", 3, station=1)
     world.answer()
-    assert told.values[-1] == tuple(read[0].values) == (5, 0xFFFA, 35)
+    assert results.values[-1] == tuple(read[0].values) == (5, 0xFFFA, 35)
 
 
 def test_units_of_another_size_than_the_registers() -> None:
     world = ByHand("modbus-tcp")
-    _, told = world.poll("40001", 2, station=1, unit="dword")
+    _, results = world.poll("40001", 2, station=1, unit="dword")
     for number in range(4):
         world.put(number, 1, 2, 3)
         world.answer()
@@ -95,8 +95,8 @@ def test_units_of_another_size_than_the_registers() -> None:
     world.put(9, 1, 2, 3)
     world.answer()
     world.answer()
-    assert told.values[:4] == [(0x10000 + number, 0x30002) for number in range(4)]
-    assert told.values[4:] == [(0x10009, 0x30002)] and read[0].values == [9, 1]
+    assert results.values[:4] == [(0x10000 + number, 0x30002) for number in range(4)]
+    assert results.values[4:] == [(0x10009, 0x30002)] and read[0].values == [9, 1]
 
 
 # ---- times ------------------------------------------------------------------------------------------------------
@@ -105,7 +105,7 @@ def test_units_of_another_size_than_the_registers() -> None:
 @WAYS
 def test_a_read_begins_so_long_after_the_one_before(at_once: bool, watched: bool) -> None:
     world = ByHand("modbus-tcp", at_once=at_once, watched=watched)
-    _, told = world.poll("40001", 1, station=1, every=250 * MS)
+    _, results = world.poll("40001", 1, station=1, every=250 * MS)
     for number in range(8):
         world.put(number)
         world.clock.run_for(40 * MS)
@@ -113,7 +113,7 @@ def test_a_read_begins_so_long_after_the_one_before(at_once: bool, watched: bool
         assert len(world.port.written) == number + 1, "not before its time"
         world.clock.run_for(210 * MS)
     assert {later - sooner for sooner, later in pairwise(world.port.times)} == {250 * MS}
-    assert told.values == [(number,) for number in range(8)]
+    assert results.values == [(number,) for number in range(8)]
 
 
 def test_where_a_reply_takes_longer_the_next_read_begins_at_once() -> None:
@@ -131,7 +131,7 @@ def test_where_a_reply_takes_longer_the_next_read_begins_at_once() -> None:
 def test_a_dead_line_is_not_asked_without_end(every: int, at_once: bool) -> None:
     """Without a reply: the time limit of 1 s, and then a pause; the interval of two reads counts from their starts."""
     world = ByHand("modbus-tcp", at_once=at_once)
-    _, told = world.poll("40001", 1, station=1, every=every)
+    _, results = world.poll("40001", 1, station=1, every=every)
     for number in range(3):
         world.put(number)
         world.answer()
@@ -141,18 +141,18 @@ def test_a_dead_line_is_not_asked_without_end(every: int, at_once: bool) -> None
     apart = max(every, SECOND + LEAST_PAUSE)
     silent = world.port.times[answered:]
     assert {later - sooner for sooner, later in pairwise(silent)} == {apart}
-    assert set(told.outcomes) == {"no_reply"}
+    assert set(results.outcomes) == {"no_reply"}
     world.put(77)
     world.clock.run_for(apart)
     world.answer()
     world.clock.run_for(every)
     world.answer()
-    assert told.values[-2:] == [(77,), (77,)]
+    assert results.values[-2:] == [(77,), (77,)]
 
 
 def test_a_refusal_is_asked_again_after_a_pause() -> None:
     world = ByHand("modbus-tcp")
-    _, told = world.poll("40001", 1, station=1)
+    _, results = world.poll("40001", 1, station=1)
     for number in range(4):
         world.put(number)
         world.answer()
@@ -165,8 +165,8 @@ def test_a_refusal_is_asked_again_after_a_pause() -> None:
         world.clock.run_for(1)
         assert len(world.port.written) == came + 1
     world.answer()
-    assert [(one.outcome, one.code) for one in told.failures] == [("refused", 2)] * 3
-    assert told.values == [(0,), (1,), (2,), (3,), (3,)]
+    assert [(one.outcome, one.code) for one in results.failures] == [("refused", 2)] * 3
+    assert results.values == [(0,), (1,), (2,), (3,), (3,)]
 
 
 # ---- replies that are not what is waited for ---------------------------------------------------------------------
@@ -206,11 +206,11 @@ def test_no_bad_reply_is_taken_and_values_are_right_afterwards(
 ) -> None:
     make, outcomes = BAD[what]
     world = ByHand("modbus-tcp", at_once=at_once, watched=watched)
-    _, told = world.poll("40001", 2, station=1)
+    _, results = world.poll("40001", 2, station=1)
     for number in range(known):
         world.put(number, 2 * number)
         world.answer()
-    right = len(told.values)
+    right = len(results.values)
     world.put(0x1111, 0x2222)
     for _ in range(3):
         world.come(*make(world.reply()))
@@ -218,14 +218,14 @@ def test_no_bad_reply_is_taken_and_values_are_right_afterwards(
         if what == "a byte is missing":
             break
         world.clock.run_for(LEAST_PAUSE)
-    assert len(told.values) == right == known
-    assert told.failures and set(told.outcomes) <= outcomes
+    assert len(results.values) == right == known
+    assert results.failures and set(results.outcomes) <= outcomes
     world.clock.run_for(10 * SECOND)
     for number in range(4):
         world.put(number, 500 + number)
         world.answer()
         world.clock.run_for(0)
-    assert told.values[-2:] == [(2, 502), (3, 503)]
+    assert results.values[-2:] == [(2, 502), (3, 503)]
 
 
 @WAYS
@@ -233,7 +233,7 @@ def test_no_bad_reply_is_taken_and_values_are_right_afterwards(
 @pytest.mark.parametrize("pieces", ["two", "byte by byte"])
 def test_replies_in_pieces(protocol: str, pieces: str, at_once: bool, watched: bool) -> None:
     world = ByHand(protocol, at_once=at_once, watched=watched)
-    _, told = world.poll("40001", 2, station=1)
+    _, results = world.poll("40001", 2, station=1)
     held = []
     for number in range(8):
         world.put(number, 0x0D0A)
@@ -245,37 +245,37 @@ def test_replies_in_pieces(protocol: str, pieces: str, at_once: bool, watched: b
             world.come(reply[:5], reply[5:])
         else:
             world.come(*(bytes([byte]) for byte in reply))
-    assert (told.values, told.failures) == (held, [])
+    assert (results.values, results.failures) == (held, [])
 
 
 @WAYS
 def test_two_replies_in_one_piece_are_not_both_taken(at_once: bool, watched: bool) -> None:
     world = ByHand("modbus-tcp", at_once=at_once, watched=watched)
-    _, told = world.poll("40001", 1, station=1)
+    _, results = world.poll("40001", 1, station=1)
     for number in range(6):
         world.put(number)
         reply = world.reply()
         world.come(reply + reply if number in (2, 4) else reply)
     world.clock.run_for(2 * SECOND)
-    assert told.values[:3] == [(0,), (1,), (2,)]
-    assert sorted(set(told.values)) == [(number,) for number in range(6)]
-    assert len(told.values) == 6 and told.failures != [], "only the silence at the end"
-    assert set(told.outcomes) == {"no_reply"}
+    assert results.values[:3] == [(0,), (1,), (2,)]
+    assert sorted(set(results.values)) == [(number,) for number in range(6)]
+    assert len(results.values) == 6 and results.failures != [], "only the silence at the end"
+    assert set(results.outcomes) == {"no_reply"}
 
 
 def test_a_reply_that_comes_late_is_not_that_of_the_next_request() -> None:
     world = ByHand("modbus-tcp")
-    _, told = world.poll("40001", 1, station=1)
+    _, results = world.poll("40001", 1, station=1)
     for number in range(4):
         world.put(number)
         world.answer()
     world.put(99)
     late = world.reply()
     world.clock.run_for(SECOND + LEAST_PAUSE)
-    assert told.outcomes == ["no_reply"]
+    assert results.outcomes == ["no_reply"]
     world.put(5)
     world.come(late, world.reply())
-    assert told.values[-1] == (5,) and (99,) not in told.values
+    assert results.values[-1] == (5,) and (99,) not in results.values
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -289,7 +289,7 @@ def test_whatever_comes_no_value_is_told_that_the_device_has_not_held(protocol: 
     """
     world = ByHand(protocol, at_once=seed % 2 == 0, watched=watched)
     chance = random.Random(seed)
-    _, told = world.poll("40001", 2, station=1)
+    _, results = world.poll("40001", 2, station=1)
     held = {(0, 0)}
     for number in range(120):
         values = (number, chance.getrandbits(16))
@@ -313,34 +313,34 @@ def test_whatever_comes_no_value_is_told_that_the_device_has_not_held(protocol: 
             world.come(reply)
         if chance.random() < 0.2 or kind != ".":
             world.clock.run_for(3 * SECOND)
-    assert set(told.values) <= held
-    assert len(told.values) > (30 if protocol == "modbus-tcp" else 15)
+    assert set(results.values) <= held
+    assert len(results.values) > (30 if protocol == "modbus-tcp" else 15)
     world.clock.run_for(10 * SECOND)
     world.put(4711, 815)
-    asked, known, failed, counts = 0, len(told.values), len(told.failures), []
+    requests, known, failed, counts = 0, len(results.values), len(results.failures), []
     for _ in range(300):  # 30 time-outs of 1 s, of which open requests last 21
-        if len(world.port.written) > asked:
-            asked = len(world.port.written)
+        if len(world.port.written) > requests:
+            requests = len(world.port.written)
             world.come(world.reply())
         world.clock.run_for(100 * MS)
-        counts.append(len(told.values))
-    assert set(told.values[known:]) == {(4711, 815)}
-    assert len(told.failures) == failed
+        counts.append(len(results.values))
+    assert set(results.values[known:]) == {(4711, 815)}
+    assert len(results.failures) == failed
     assert counts[-1] - counts[-51] == 50, "in step again: each request brings a value"
 
 
 # ---- stopping ---------------------------------------------------------------------------------------------------
 
 
-def _is_over(world: ByHand, polling: Polling, told: Told) -> None:
+def _is_over(world: ByHand, polling: Polling, told: PollResults) -> None:
     """Assert that the poll reports and requests no more, and that other callers are served."""
     values, failures = list(told.values), list(told.failures)
     world.clock.run_for(5 * SECOND)
-    asked = len(world.port.written)
+    requests = len(world.port.written)
     polling.stop()
     world.clock.run_for(5 * SECOND)
     assert not polling.is_running
-    assert len(world.port.written) == asked
+    assert len(world.port.written) == requests
     world.put(4711)
     read = world.read("40001", 1, station=1)
     world.answer()
@@ -354,7 +354,7 @@ def _is_over(world: ByHand, polling: Polling, told: Told) -> None:
 @pytest.mark.parametrize("every", [0, 200 * MS])
 def test_stopped_while_a_reply_is_waited_for(known: int, every: int, at_once: bool) -> None:
     world = ByHand("modbus-tcp", at_once=at_once)
-    polling, told = world.poll("40001", 1, station=1, every=every)
+    polling, results = world.poll("40001", 1, station=1, every=every)
     for _ in range(known):
         world.answer()
         world.clock.run_for(every)
@@ -369,23 +369,23 @@ def test_stopped_while_a_reply_is_waited_for(known: int, every: int, at_once: bo
     world.put(2)
     world.answer()
     assert [one.values for one in read] == [[2]]
-    _is_over(world, polling, told)
+    _is_over(world, polling, results)
 
 
 @WAYS
 def test_stopped_while_it_waits_for_its_time(at_once: bool) -> None:
     world = ByHand("modbus-tcp", at_once=at_once)
-    polling, told = world.poll("40001", 1, station=1, every=SECOND)
+    polling, results = world.poll("40001", 1, station=1, every=SECOND)
     for _ in range(3):
         world.answer()
         world.clock.run_for(SECOND)
     world.answer()
     polling.stop()
-    assert len(told.values) == 4
-    _is_over(world, polling, told)
+    assert len(results.values) == 4
+    _is_over(world, polling, results)
 
 
-class StopsIn(Told):
+class StopsIn(PollResults):
     """A recorder that stops its poll at the value or failure of this number."""
 
     polling: Polling
@@ -413,22 +413,22 @@ class StopsIn(Told):
 @pytest.mark.parametrize("every", [0, 200 * MS])
 def test_stopped_from_its_callback(number: int, every: int, at_once: bool, watched: bool) -> None:
     world = ByHand("modbus-tcp", at_once=at_once, watched=watched)
-    told = StopsIn(number)
-    told.polling, _ = world.poll("40001", 1, station=1, every=every, told=told)
+    results = StopsIn(number)
+    results.polling, _ = world.poll("40001", 1, station=1, every=every, told=results)
     for _ in range(number):
         world.answer()
         world.clock.run_for(every)
-    assert len(told.values) == len(world.port.written) == number
-    _is_over(world, told.polling, told)
+    assert len(results.values) == len(world.port.written) == number
+    _is_over(world, results.polling, results)
 
 
 def test_stopped_from_the_callback_of_a_failure() -> None:
     world = ByHand("modbus-tcp")
-    told = StopsIn(1)
-    told.polling, _ = world.poll("40001", 1, station=1, told=told)
+    results = StopsIn(1)
+    results.polling, _ = world.poll("40001", 1, station=1, told=results)
     world.clock.run_for(5 * SECOND)
-    assert told.outcomes == ["no_reply"] and len(world.port.written) == 1
-    _is_over(world, told.polling, told)
+    assert results.outcomes == ["no_reply"] and len(world.port.written) == 1
+    _is_over(world, results.polling, results)
 
 
 def test_what_cannot_be_asked_is_not_begun() -> None:
@@ -436,10 +436,10 @@ def test_what_cannot_be_asked_is_not_begun() -> None:
     with pytest.raises(ValueError, match="is not an address"):
         world.poll("4x", 1, station=1)
     world.clock.run_for(SECOND)
-    _polling, told = world.poll("40001", 1, station=1)
+    _polling, results = world.poll("40001", 1, station=1)
     for _ in range(3):
         world.answer()
-    assert len(told.values) == 3, "the one that failed to begin holds nothing back"
+    assert len(results.values) == 3, "the one that failed to begin holds nothing back"
 
 
 # ---- others at the same time --------------------------------------------------------------------------------------
@@ -482,38 +482,38 @@ def test_when_one_of_two_polls_ends_the_other_goes_on() -> None:
 
 def test_a_poll_begun_in_the_callback_of_another() -> None:
     world = ByHand("modbus-tcp")
-    later: list[Told] = []
+    later: list[PollResults] = []
 
-    class Begins(Told):
+    class Begins(PollResults):
         def numbers(self, values: tuple[int, ...]) -> None:
             super().numbers(values)
             if len(self.values) == 3:
                 later.append(world.poll("40002", 1, station=1)[1])
 
-    _, told = world.poll("40001", 1, station=1, told=Begins())
+    _, results = world.poll("40001", 1, station=1, told=Begins())
     for number in range(10):
         world.put(number, 1000 + number)
         world.answer()
-    assert told.values[:3] == [(0,), (1,), (2,)]
+    assert results.values[:3] == [(0,), (1,), (2,)]
     assert later[0].values and later[0].values[0][0] in range(1003, 1006)
-    assert not told.failures and not later[0].failures
+    assert not results.failures and not later[0].failures
 
 
 def test_a_write_in_the_callback_goes_out_before_the_next_read() -> None:
     world = ByHand("modbus-tcp")
     ended: list[list[TransferResult]] = []
 
-    class Writes(Told):
+    class Writes(PollResults):
         def numbers(self, values: tuple[int, ...]) -> None:
             super().numbers(values)
             if len(self.values) == 3:
                 ended.append(world.write("40001", [55], station=1))
 
-    _, told = world.poll("40001", 1, station=1, told=Writes())
+    _, results = world.poll("40001", 1, station=1, told=Writes())
     for _ in range(8):
         world.answer()
     assert [one.ok for one in ended[0]] == [True]
-    assert told.values[:3] == [(0,), (0,), (0,)] and set(told.values[3:]) == {(55,)}
+    assert results.values[:3] == [(0,), (0,), (0,)] and set(results.values[3:]) == {(55,)}
 
 
 # ---- parameters, connections ------------------------------------------------------------------------------------
@@ -522,7 +522,7 @@ def test_a_write_in_the_callback_goes_out_before_the_next_read() -> None:
 @WAYS
 def test_parameters_may_change_meanwhile(at_once: bool) -> None:
     world = ByHand("modbus-tcp", at_once=at_once)
-    _, told = world.poll("40001", 1, station=1)
+    _, results = world.poll("40001", 1, station=1)
     for number in range(4):
         world.put(number)
         world.answer()
@@ -531,14 +531,14 @@ def test_parameters_may_change_meanwhile(at_once: bool) -> None:
     for number in range(4, 8):
         world.put(number)
         world.answer()
-    assert told.values == [(number,) for number in range(8)]
+    assert results.values == [(number,) for number in range(8)]
     world.clock.run_for(3 * SECOND - 1)
-    assert told.failures == []
+    assert results.failures == []
     world.clock.run_for(1)
-    assert told.outcomes == ["no_reply"]
+    assert results.outcomes == ["no_reply"]
     back = scope.override({"reply_timeout": 10 * MS})
     world.clock.run_for(LEAST_PAUSE + 10 * MS)
-    assert told.outcomes == ["no_reply"] * 2
+    assert results.outcomes == ["no_reply"] * 2
     back()
 
 
@@ -546,28 +546,28 @@ def test_parameters_may_change_meanwhile(at_once: bool) -> None:
 @pytest.mark.parametrize("when", ["waiting", "pausing"])
 def test_a_connection_lost_and_found(when: str, at_once: bool, watched: bool) -> None:
     world = ByHand("modbus-tcp", at_once=at_once, watched=watched)
-    polling, told = world.poll("40001", 1, station=1, every=0 if when == "waiting" else 100 * MS)
+    polling, results = world.poll("40001", 1, station=1, every=0 if when == "waiting" else 100 * MS)
     for number in range(4):
         world.put(number)
         world.answer()
         world.clock.run_for(0 if when == "waiting" else 100 * MS)
     if when == "pausing":
         world.answer()
-    before = len(told.values)
+    before = len(results.values)
     events = world.port.events
     assert events is not None
     events.closed(world.clock.now(), "pulled")
     world.clock.run_for(300 * MS)
-    assert set(told.outcomes) == {"closed"} and 1 <= len(told.failures) <= 4
-    asked = len(world.port.written)
+    assert set(results.outcomes) == {"closed"} and 1 <= len(results.failures) <= 4
+    requests = len(world.port.written)
     world.clock.run_for(700 * MS)
-    assert len(world.port.written) == asked + 1, "the connection is there again, and the read goes out once"
+    assert len(world.port.written) == requests + 1, "the connection is there again, and the read goes out once"
     for number in range(10, 15):
         world.put(number)
         world.answer()
         world.clock.run_for(0 if when == "waiting" else 100 * MS)
-    assert told.values[before:] == [(number,) for number in range(10, 15)]
-    assert set(told.outcomes) == {"closed"}
+    assert results.values[before:] == [(number,) for number in range(10, 15)]
+    assert set(results.outcomes) == {"closed"}
     assert polling.is_running
 
 
@@ -575,23 +575,23 @@ def test_a_device_that_goes_and_comes_back_on_a_serial_line() -> None:
     link = next(link for link in LINES if link.protocol == "modbus-rtu")
     world = OnLine(link)
     world.put([1, 2])
-    polling, told = world.poll(link.address, 2, station=link.station)
-    world.until(lambda: len(told.values) == 5)
+    polling, results = world.poll(link.address, 2, station=link.station)
+    world.until(lambda: len(results.values) == 5)
     world.device.stop()
-    world.until(lambda: len(told.failures) == 3)
-    assert set(told.outcomes) == {"no_reply"}
+    world.until(lambda: len(results.failures) == 3)
+    assert set(results.outcomes) == {"no_reply"}
     world.put([3, 4])
     world.device.start()
-    world.until(lambda: (3, 4) in told.values)
+    world.until(lambda: (3, 4) in results.values)
     polling.stop()
 
 
 def test_a_stopped_service_ends_what_is_under_way(watched: bool) -> None:
     world = ByHand("modbus-tcp", watched=watched)
-    polling, told = world.poll("40001", 1, station=1)
+    polling, results = world.poll("40001", 1, station=1)
     for _ in range(3):
         world.answer()
     polling.stop()
     world.service.stop()
     world.clock.run_for(10 * SECOND)
-    assert told.failures == [] and len(told.values) == 3
+    assert results.failures == [] and len(results.values) == 3

@@ -78,8 +78,8 @@ def test_what_a_device_keeps_in_variables_is_refused_too(caplog: pytest.LogCaptu
             else:
                 client.call("set", {"register": 0xEDF0, "value": b"\x2a\x00"})
             assert client.call("get", {"register": 0xEDF0})["value"] == (0 if read_only else 42)
-    (told,) = caplog.messages
-    assert told.startswith("ve-direct: registers[60912]: 0 → 42, written by 127.0.0.1:")
+    (message,) = caplog.messages
+    assert message.startswith("ve-direct: registers[60912]: 0 → 42, written by 127.0.0.1:")
 
 
 WORDS = """protocol: words
@@ -126,8 +126,10 @@ def test_which_work_of_a_row_is_a_write(work: str) -> None:
 def test_variables_that_sequences_change_are_named(caplog: pytest.LogCaptureFixture) -> None:
     with framekit.serve("uss", "tcp://127.0.0.1:0", read_only=True):
         pass
-    (told,) = [one for one in caplog.messages if "only reads" in one]
-    assert told.endswith("but its sequences change variables by themselves: drive_control, drive_setpoint, drive_fault")
+    (message,) = [one for one in caplog.messages if "only reads" in one]
+    assert message.endswith(
+        "but its sequences change variables by themselves: drive_control, drive_setpoint, drive_fault"
+    )
 
 
 def test_sequences_store_nothing_either() -> None:
@@ -179,8 +181,8 @@ def test_a_run_that_could_write_is_refused(tmp_path: Path, capsys: pytest.Captur
     file = tmp_path / "mixed.run.yaml"
     file.write_text(RUN.format(number=free_number(), more=WRITES), "utf-8")
     assert main(["run", str(file), "--read-only", "--for", "10ms"]) == 1
-    told = capsys.readouterr().err.splitlines()
-    assert [line.partition(": ")[2] for line in told] == [
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.partition(": ")[2] for line in lines] == [
         "block 1 writes into the other side, and this run only reads"
         " – leave it out, or run the file without --read-only",
         "block 2 calls a service, which may write, and this run only reads"
@@ -188,7 +190,7 @@ def test_a_run_that_could_write_is_refused(tmp_path: Path, capsys: pytest.Captur
         "point 'speed' can be written into a device, and this run only reads"
         " – leave access: rw out, or run the file without --read-only",
     ]
-    assert told[0].startswith(f"{file}:8:3: ")
+    assert lines[0].startswith(f"{file}:8:3: ")
 
 
 @pytest.mark.usefixtures("each_loop")
@@ -242,11 +244,11 @@ def test_writes_are_logged_with_who_wrote(caplog: pytest.LogCaptureFixture) -> N
         client.write("00003", [1])
         client.write("40100", list(range(20)))
         client.read("40001", 2)
-    told = [record.getMessage() for record in caplog.records]
-    who = told[0].rpartition(" ")[2]
+    messages = [record.getMessage() for record in caplog.records]
+    who = messages[0].rpartition(" ")[2]
     assert who.startswith("127.0.0.1:")
     zeros, some = ", ".join(["0"] * 16), ", ".join(map(str, range(16)))
-    assert told == [
+    assert messages == [
         f"modbus-tcp: 40001: 7, 8 → 7, 9, written by {who}",
         f"modbus-tcp: 00003: 0 → 1, written by {who}",
         f"modbus-tcp: 40100: {zeros} and 4 more → {some} and 4 more, written by {who}",
@@ -270,5 +272,5 @@ def test_a_channel_that_answers_logs_too(tmp_path: Path, caplog: pytest.LogCaptu
         listening(states)
         with framekit.connect("modbus-tcp", f"tcp://127.0.0.1:{number}", station=1) as client:
             client.write("40001", [4711])
-    (told,) = [record.getMessage() for record in caplog.records if record.name == "framekit.written"]
-    assert told.startswith("channel 2: 40001: 0 → 4711, written by 127.0.0.1:")
+    (message,) = [record.getMessage() for record in caplog.records if record.name == "framekit.written"]
+    assert message.startswith("channel 2: 40001: 0 → 4711, written by 127.0.0.1:")

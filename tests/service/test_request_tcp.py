@@ -155,30 +155,30 @@ def test_strangers_do_no_harm(device: Any) -> None:
 
 @pytest.mark.parametrize("count", TRANSFERS)
 def test_transfers_up_to_2_kb(count: int) -> None:
-    there = TransferWorld(PROTOCOL, "client", "server", params={"allow": "writes"})
-    there.mixed(count, {"R1": 1024, "R1501": 40, "I1": 256, "Q17": 64, "M35": 77}, longest=1024)
-    assert there.wrong == []
-    assert there.outcomes == {"ok": count}
+    world = TransferWorld(PROTOCOL, "client", "server", params={"allow": "writes"})
+    world.mixed(count, {"R1": 1024, "R1501": 40, "I1": 256, "Q17": 64, "M35": 77}, longest=1024)
+    assert world.wrong == []
+    assert world.outcomes == {"ok": count}
 
 
 def test_task_and_block_memory_of_the_large_family() -> None:
     params = {"allow": "writes", "family": "90-70", "task": "STAT_1", "block": "SUB1"}
-    there = TransferWorld(PROTOCOL, "client", "server", params=params)
+    world = TransferWorld(PROTOCOL, "client", "server", params=params)
 
     def done(method: Any, *arguments: Any, **options: Any) -> TransferResult:
-        return there.do(lambda **keys: method(*arguments, station=None, **options, **keys))
+        return world.do(lambda **keys: method(*arguments, station=None, **options, **keys))
 
     for address in ("P39", "L9"):
-        assert done(there.client.write, address, [0x4A9B, 0x3463, 0x1ACB, 0x91D4, 0x8BC3]).ok
-        assert done(there.client.read, address, count=5).values == [0x4A9B, 0x3463, 0x1ACB, 0x91D4, 0x8BC3]
-        assert done(there.client.read, address, count=2).values == [0x4A9B, 0x3463]
+        assert done(world.client.write, address, [0x4A9B, 0x3463, 0x1ACB, 0x91D4, 0x8BC3]).ok
+        assert done(world.client.read, address, count=5).values == [0x4A9B, 0x3463, 0x1ACB, 0x91D4, 0x8BC3]
+        assert done(world.client.read, address, count=2).values == [0x4A9B, 0x3463]
 
 
 def read_word(asking: Side, client: ServiceClient, results: dict[int, Any], number: int) -> None:
-    def told(done: TransferResult) -> None:
+    def store(done: TransferResult) -> None:
         results[number] = done.values
 
-    asking.do(client.read(f"R{number}", now=asking.now, on_done=told).commands)
+    asking.do(client.read(f"R{number}", now=asking.now, on_done=store).commands)
 
 
 def answer_to(request: bytes, value: int) -> bytes:
@@ -215,14 +215,14 @@ def test_replies_in_any_order_find_their_requests() -> None:
 
 
 def test_a_restart_of_the_server_only_costs_what_is_under_way() -> None:
-    there = TransferWorld(PROTOCOL, "client", "server")
+    world = TransferWorld(PROTOCOL, "client", "server")
 
     def read() -> TransferResult:
-        return there.do(lambda **keys: there.client.read("R1", **keys))
+        return world.do(lambda **keys: world.client.read("R1", **keys))
 
     assert read().ok
-    for driver in there.drivers:
-        driver.closed(there.clock.now(), "gone")
+    for driver in world.drivers:
+        driver.closed(world.clock.now(), "gone")
     assert read().outcome == "closed"
-    there.clock.run_for(2_000_000_000)
+    world.clock.run_for(2_000_000_000)
     assert read().ok, "connected and opened again"

@@ -39,7 +39,7 @@ def crc(data: bytes) -> bytes:
     return data + value.to_bytes(2, "little")
 
 
-def asked(path: str, request: bytes, size: int) -> bytes:
+def reply_to(path: str, request: bytes, size: int) -> bytes:
     descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY)
     try:
         os.write(descriptor, request)
@@ -68,17 +68,17 @@ def test_two_channels_serve_one_memory(tmp_path: Path) -> None:
             service.start()
             try:
                 await opened.wait()
-                reply = await asyncio.to_thread(asked, other.second, crc(bytes.fromhex("03 03 0000 0002")), 9)
+                reply = await asyncio.to_thread(reply_to, other.second, crc(bytes.fromhex("03 03 0000 0002")), 9)
                 assert reply == crc(bytes.fromhex("03 03 04 1234 5678"))
-                written = await asyncio.to_thread(asked, other.second, crc(bytes.fromhex("03 06 0001 BEEF")), 8)
+                written = await asyncio.to_thread(reply_to, other.second, crc(bytes.fromhex("03 06 0001 BEEF")), 8)
                 assert written == crc(bytes.fromhex("03 06 0001 BEEF"))
-                await asyncio.to_thread(asked, other.second, crc(bytes.fromhex("03 05 000A FF00")), 8)
-                reply = await asyncio.to_thread(asked, one.second, MLDP_READ, 19)
+                await asyncio.to_thread(reply_to, other.second, crc(bytes.fromhex("03 05 000A FF00")), 8)
+                reply = await asyncio.to_thread(reply_to, one.second, MLDP_READ, 19)
                 assert reply == b"\x0601RSB01041234BEEF\x03"
-                reply = await asyncio.to_thread(asked, one.second, b"\x0501RSS0106%MW200\x04", 15)
+                reply = await asyncio.to_thread(reply_to, one.second, b"\x0501RSS0106%MW200\x04", 15)
                 assert reply == b"\x0601RSS01020400\x03", "coil 11 is bit A of M200"
                 assert service.memory.read("M", "word", 101) == [0xBEEF]
-                await asyncio.to_thread(asked, other.second, crc(bytes.fromhex("03 03 FFFF 0002")), 5)
+                await asyncio.to_thread(reply_to, other.second, crc(bytes.fromhex("03 03 FFFF 0002")), 5)
                 status = {one.number: one for one in run_status(service).channels}
                 assert (status[1].services, status[1].errors) == (2, 0)
                 assert (status[2].services, status[2].errors) == (3, 1)

@@ -129,7 +129,7 @@ def of_shdlc(wires: Made) -> Made:
     builder = pytest.importorskip(
         "sensirion_shdlc_driver.serial_frame_builder", reason="sensirion-shdlc-driver is not installed"
     )
-    asked = {
+    requests = {
         "serial number": (0, 0xD0, b"\x03"),
         "version": (0, 0xD1, b""),
         "station 7E is stuffed": (0x7E, 0xD1, b""),
@@ -143,7 +143,7 @@ def of_shdlc(wires: Made) -> Made:
         reader = builder.ShdlcSerialMisoFrameBuilder()
         assert reader.add_data(wires[name])
         assert reader.interpret_data() == found
-    made = {name: builder.ShdlcSerialMosiFrameBuilder(*parts).to_bytes() for name, parts in asked.items()}
+    made = {name: builder.ShdlcSerialMosiFrameBuilder(*parts).to_bytes() for name, parts in requests.items()}
     return {**made, **{name: wires[name] for name in answered}}
 
 
@@ -212,7 +212,7 @@ PROGRAMS: dict[str, Callable[[Made], Made]] = {
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_its_program_makes_what_vectors_say_of_it(name: str) -> None:
     vectors = yaml.load(file_of(f"{name}.vectors.yaml").read_text(encoding="utf-8"), yaml.BaseLoader)
-    told = [one for one in vectors["frames"] if "second_source" in one]
-    wires = {one.get("name", one["frame"]): parse_wire(one["bytes"]).exact for one in told}
-    assert len(wires) == len(told) and None not in wires.values()
+    cases = [one for one in vectors["frames"] if "second_source" in one]
+    wires = {one.get("name", one["frame"]): parse_wire(one["bytes"]).exact for one in cases}
+    assert len(wires) == len(cases) and None not in wires.values()
     assert PROGRAMS[name](wires) == wires

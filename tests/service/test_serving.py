@@ -60,13 +60,13 @@ async def reply_of(reader: asyncio.StreamReader) -> tuple[int, int, bytes]:
     return transaction, unit, await reader.readexactly(length - 1)
 
 
-async def asked(number: int, unit: int, pdu: str) -> bytes:
+async def pdu_of_reply(number: int, unit: int, pdu: str) -> bytes:
     """Return the reply's PDU, over a separate connection."""
     reader, writer = await asyncio.open_connection("127.0.0.1", number)
     writer.write(request(7, unit, pdu))
-    transaction, there, reply = await reply_of(reader)
+    transaction, unit_of_reply, reply = await reply_of(reader)
     writer.close()
-    assert (transaction, there) == (7, unit)
+    assert (transaction, unit_of_reply) == (7, unit)
     return reply
 
 
@@ -78,9 +78,9 @@ def test_a_hundred_clients_one_after_the_other_and_fifty_at_once() -> None:
     async def scenario() -> None:
         async with served() as (serving, number):
             for value in range(100):
-                await asked(number, 1, f"06 000A {value:04X}")
-                assert await asked(number, 1, "03 000A 0001") == struct.pack(">BBH", 3, 2, value)
-            replies = await asyncio.gather(*(asked(number, 1, READ_3) for _ in range(50)))
+                await pdu_of_reply(number, 1, f"06 000A {value:04X}")
+                assert await pdu_of_reply(number, 1, "03 000A 0001") == struct.pack(">BBH", 3, 2, value)
+            replies = await asyncio.gather(*(pdu_of_reply(number, 1, READ_3) for _ in range(50)))
             assert replies == [THREE] * 50
             assert serving.connections == 250
             assert (serving.stores[0].counters.done, serving.stores[0].counters.errors) == (250, 0)
@@ -92,7 +92,7 @@ def test_connections_that_are_over_are_forgotten() -> None:
     async def scenario() -> None:
         async with served() as (serving, number):
             for _ in range(3):
-                await asked(number, 1, READ_3)
+                await pdu_of_reply(number, 1, READ_3)
             while serving.connected:
                 await asyncio.sleep(0)
 
@@ -135,7 +135,7 @@ def test_one_address_has_only_so_many_connections() -> None:
             idle[0][1].close()
             while len(serving.connected) > 2:
                 await asyncio.sleep(0)
-            assert await asked(number, 1, READ_3) == THREE, "so is this one, when one of its own has ended"
+            assert await pdu_of_reply(number, 1, READ_3) == THREE, "so is this one, when one of its own has ended"
             idle[1][1].close()
             other_writer.close()
 
@@ -264,7 +264,7 @@ def test_a_client_leaves_in_the_middle_of_a_request() -> None:
                 writer.write(request(1, 1, "06 0000 FFFF")[:size])
                 writer.close()
                 await writer.wait_closed()
-            assert await asked(number, 1, READ_3) == THREE
+            assert await pdu_of_reply(number, 1, READ_3) == THREE
 
     run(scenario())
 
@@ -291,7 +291,7 @@ def test_a_slow_client_and_requests_in_one_piece() -> None:
             for byte in request(1, 1, READ_3):
                 writer.write(bytes([byte]))
                 await writer.drain()
-                await asked(number, 1, READ_3)  # another client is served meanwhile
+                await pdu_of_reply(number, 1, READ_3)  # another client is served meanwhile
             assert (await reply_of(reader))[0] == 1
             writer.write(b"".join(request(transaction, 1, READ_3) for transaction in range(16)))
             assert [(await reply_of(reader))[0] for _ in range(16)] == list(range(16))
@@ -316,7 +316,7 @@ def test_a_client_that_never_reads_its_replies() -> None:
                 sent += len(flood)
                 await asyncio.sleep(0)
             assert sent < MOST_FLOOD, "the flood comes to a stop"
-            assert await asked(number, 1, READ_3) == THREE
+            assert await pdu_of_reply(number, 1, READ_3) == THREE
             waiting = [len(one.engine.receiver.stream.buffer) for each in serving.connected.values() for one in each]
             assert max(waiting) < 500_000, "requests are not taken faster than replies"
             writer.transport.abort()
@@ -327,9 +327,9 @@ def test_a_client_that_never_reads_its_replies() -> None:
 def test_units_behind_one_address() -> None:
     async def scenario() -> None:
         async with served(stations=("1", "2")) as (_, number):
-            assert await asked(number, 2, "10 0000 0002 04 AAAA BBBB") == bytes.fromhex("10 0000 0002")
-            assert await asked(number, 2, READ_3) == bytes.fromhex("03 06 AAAA BBBB 012C")
-            assert await asked(number, 1, READ_3) == THREE
+            assert await pdu_of_reply(number, 2, "10 0000 0002 04 AAAA BBBB") == bytes.fromhex("10 0000 0002")
+            assert await pdu_of_reply(number, 2, READ_3) == bytes.fromhex("03 06 AAAA BBBB 012C")
+            assert await pdu_of_reply(number, 1, READ_3) == THREE
             reader, writer = await asyncio.open_connection("127.0.0.1", number)
             writer.write(request(1, 9, READ_3) + request(2, 1, READ_3))
             assert (await reply_of(reader))[:2] == (2, 1), "nobody is unit 9"

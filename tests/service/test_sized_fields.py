@@ -107,6 +107,6 @@ def test_settings_changed_in_memory_count_at_later_starts(tmp_path: Path) -> Non
 )
 def test_a_size_that_cannot_be_is_told(tmp_path: Path, size: str, problem: str) -> None:
     path = written(tmp_path, f"  0: {{send: PAIR, data: {{one: M0, two: M10}}, size: {size}, once: yes}}\n")
-    with pytest.raises(DefinitionError) as told:
+    with pytest.raises(DefinitionError) as error:
         load_run(path)
-    assert [problem in str(one) for one in told.value.problems] == [True]
+    assert [problem in str(one) for one in error.value.problems] == [True]

@@ -237,12 +237,12 @@ def test_killed_at_any_time_the_last_committed_state_is_there(tmp_path: Path) ->
         for _ in range(1 + 14 * turn):
             writer.stdout.readline()
         writer.send_signal(signal.SIGKILL)
-        told = [int(line) for line in writer.communicate()[0].split()]
-        told += [last + 1 + 14 * turn]
+        numbers = [int(line) for line in writer.communicate()[0].split()]
+        numbers += [last + 1 + 14 * turn]
         with closing(StateFile(path, "plant", (("M", "word", 4096),))) as file:
             found = file.kept.blocks[1, 0].done
             assert file.kept.areas["M"] == found.to_bytes(4, "little") * 2048, "memory and counters are of one moment"
-            assert max(told) <= found <= max(told) + 1, "what was told as written is there"
+            assert max(numbers) <= found <= max(numbers) + 1, "what was told as written is there"
         last = found
     with closing(sqlite3.connect(path)) as base:
         assert base.execute("PRAGMA integrity_check").fetchone() == ("ok",)

@@ -97,8 +97,8 @@ def test_every_server_is_tried() -> None:
         roles = load_protocol(name).roles
         return {role for role in roles if role not in ("client", "master")}
 
-    tried = {(link.protocol, link.answering) for link in ALL}
-    assert {(name, role) for name in PROTOCOLS if name != "standard" for role in answers(name)} == tried
+    tested = {(link.protocol, link.answering) for link in ALL}
+    assert {(name, role) for name in PROTOCOLS if name != "standard" for role in answers(name)} == tested
 
 
 SESSIONS = [link for link in ALL if link.format is None or link.protocol in ("snp", "snp-x")]

@@ -107,10 +107,10 @@ def test_a_served_read_leaves_nothing_to_the_collector(served: AtOnce) -> None:
 @pytest.mark.long
 def test_a_poll_leaves_nothing_to_the_collector() -> None:
     world = ByHand("modbus-tcp")
-    _, told = world.poll("40001", 4, station=1)
+    _, results = world.poll("40001", 4, station=1)
     for _ in range(5):
         world.answer()
     with only_new_garbage():
         for _ in range(20):
             world.answer()
-        assert gc.collect() == 0 and len(told.values) == 25
+        assert gc.collect() == 0 and len(results.values) == 25

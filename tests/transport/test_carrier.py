@@ -41,7 +41,7 @@ class Wire(SerialConnection):
     def stop(self) -> None: ...
 
 
-class Told:
+class ControlRecorder:
     """Recorder of the control lines that a port reports."""
 
     def __init__(self) -> None:
@@ -62,27 +62,27 @@ class WiredPort(SerialPort):
         return self.wire
 
 
-def opened(wiring: LineSettings) -> tuple[VirtualClock, WiredPort, Told]:
-    clock, told = VirtualClock(), Told()
+def opened(wiring: LineSettings) -> tuple[VirtualClock, WiredPort, ControlRecorder]:
+    clock, recorder = VirtualClock(), ControlRecorder()
     port = WiredPort("/dev/none", None, cast(Any, clock), wiring)
-    port.open(cast(Any, told))
+    port.open(cast(Any, recorder))
     clock.run_for(SECOND)
-    return clock, port, told
+    return clock, port, recorder
 
 
 def test_a_carrier_that_comes_and_goes_is_told() -> None:
-    clock, port, told = opened(LineSettings(modem=Modem()))
-    assert told.lines == [], "one that was never there is not lost"
+    clock, port, recorder = opened(LineSettings(modem=Modem()))
+    assert recorder.lines == [], "one that was never there is not lost"
     port.wire.carrier = True
     clock.run_for(SECOND)
-    assert told.lines == [{"dcd": True}]
+    assert recorder.lines == [{"dcd": True}]
     port.wire.carrier = False
     clock.run_for(SECOND)
-    assert told.lines == [{"dcd": True}, {"dcd": False}]
+    assert recorder.lines == [{"dcd": True}, {"dcd": False}]
     port.close()
     port.wire.carrier = True
     clock.run_for(SECOND)
-    assert len(told.lines) == 2
+    assert len(recorder.lines) == 2
 
 
 @pytest.mark.parametrize(("wiring", "looks"), [(PLAIN, 0), (LineSettings(modem=Modem()), 5)])
@@ -92,9 +92,9 @@ def test_only_ports_with_a_modem_are_looked_at(wiring: LineSettings, looks: int)
 
 
 def test_a_device_without_such_a_line_is_not_looked_at_again() -> None:
-    clock, port, told = opened(LineSettings(modem=Modem()))
+    clock, port, recorder = opened(LineSettings(modem=Modem()))
     port.wire.carrier = None
     clock.run_for(10 * SECOND)
     looks = port.wire.looks
     clock.run_for(10 * SECOND)
-    assert port.wire.looks == looks and told.lines == []
+    assert port.wire.looks == looks and recorder.lines == []

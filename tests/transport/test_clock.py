@@ -266,8 +266,8 @@ def test_turns_are_shared_in_order_and_none_has_too_much(sizes: list[int], each:
         assert len(turn) == 1 or sum(sizes[number] + PIECE for number in turn) <= MOST
         assert len(turn) == 1 or (len(turn) - 1) * each < LONGEST
     for turn, later in pairwise(turns):
-        there = sum(sizes[number] + PIECE for number in turn) + sizes[later[0]] + PIECE
-        assert there > MOST or len(turn) * each >= LONGEST, "no turn ends early"
+        available = sum(sizes[number] + PIECE for number in turn) + sizes[later[0]] + PIECE
+        assert available > MOST or len(turn) * each >= LONGEST, "no turn ends early"
 
 
 def test_the_first_piece_of_a_turn_has_all_its_room() -> None:

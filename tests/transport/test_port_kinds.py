@@ -163,10 +163,10 @@ def test_an_installed_package_brings_a_kind_by_its_entry_point(monkeypatch: pyte
         "gone": EntryPoint("gone", "no_such_module_at_all:KIND", schemes.ENTRY_POINTS),
     }
     monkeypatch.setattr(EntryPoint, "load", lambda self: _loaded(self))
-    asked = []
+    urls = []
 
     def entry_points(*, group: str, name: str) -> list[EntryPoint]:
-        asked.append((group, name))
+        urls.append((group, name))
         return [points[name]] if name in points else []
 
     monkeypatch.setattr("importlib.metadata.entry_points", entry_points)
@@ -174,7 +174,7 @@ def test_an_installed_package_brings_a_kind_by_its_entry_point(monkeypatch: pyte
     schemes._installed.cache_clear()
     try:
         assert scheme_of("pipe:x") is PIPES and scheme_of("sim:x") is None and scheme_of("none:x") is None
-        assert scheme_of("pipe:x") is PIPES and asked == [("framekit.ports", "pipe"), ("framekit.ports", "none")]
+        assert scheme_of("pipe:x") is PIPES and urls == [("framekit.ports", "pipe"), ("framekit.ports", "none")]
 
         async def check() -> None:
             clock = AsyncioClock(asyncio.get_running_loop())

@@ -289,7 +289,7 @@ async def flooded(size: int) -> tuple[list[bytes], list[str]]:
     pieces: list[bytes] = []
     order: list[str] = []
 
-    class Told(Waiting):
+    class Recorder(Waiting):
         def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
             order.append("flood")
             if not pieces:
@@ -309,7 +309,7 @@ async def flooded(size: int) -> tuple[list[bytes], list[str]]:
     await flood.drain()
     flood.close()
     await flood.wait_closed()
-    events = Told()
+    events = Recorder()
     flooding.open(events)
     await events.until("closed")
     other.close()

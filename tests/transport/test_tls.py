@@ -157,10 +157,10 @@ def test_who_is_not_let_in(files: Certificates, caplog: pytest.LogCaptureFixture
         assert accepted.empty()
 
     run(check())
-    told = [record.getMessage() for record in caplog.records]
-    assert any("no handshake with 127.0.0.1:" in line and "has no certificate" in line for line in told)
-    assert any("does not speak TLS" in line for line in told)
-    assert len(told) >= 3
+    messages = [record.getMessage() for record in caplog.records]
+    assert any("no handshake with 127.0.0.1:" in line and "has no certificate" in line for line in messages)
+    assert any("does not speak TLS" in line for line in messages)
+    assert len(messages) >= 3
 
 
 def test_versions_that_are_too_old_are_refused(files: Certificates, caplog: pytest.LogCaptureFixture) -> None:
@@ -322,8 +322,8 @@ def test_a_new_certificate_needs_no_restart(
         listener.stop()
 
     run(check())
-    told = [one.partition(" ")[2] for one in caplog.messages if "certificate" in one and "no handshake" not in one]
-    assert told == [
+    messages = [one.partition(" ")[2] for one in caplog.messages if "certificate" in one and "no handshake" not in one]
+    assert messages == [
         f"goes on with the certificate that it has: {cert} and {key}: they hold no certificate in PEM"
         " with the key that fits it",
         "its certificate was read anew",
@@ -338,9 +338,9 @@ def test_the_log_of_writes_names_who_the_certificate_names(
     with framekit.serve(["modbus-tcp"], place, station=[1, 2]) as server:
         client = f"{server.port}?ca={files.ca}&cert={files.client}&key={files.client_key}"
         assert main(["write", "modbus-tcp", "--port", client, "--station", "2", "40001", "5"]) == 0
-    (told,) = [record.getMessage() for record in caplog.records if record.name == "framekit.written"]
-    assert told.startswith("modbus-tcp 2: 40001: 0 → 5, written by 127.0.0.1:")
-    assert told.endswith(" ('client')")
+    (message,) = [record.getMessage() for record in caplog.records if record.name == "framekit.written"]
+    assert message.startswith("modbus-tcp 2: 40001: 0 → 5, written by 127.0.0.1:")
+    assert message.endswith(" ('client')")
 
 
 @pytest.mark.parametrize(

@@ -60,14 +60,14 @@ def test_a_row_for_everything_seen(tmp_path: Path) -> None:
     assert [path.name for path in sorted(target.iterdir())] == [f"0000{n}-day{n}.parquet" for n in (1, 2, 3)]
     found = rows(target)
     assert pq.read_table(target).num_rows == len(found) == 16  # the folder is one table
-    asked = found[1]
-    assert asked | {"time": None} == {
+    request = found[1]
+    assert request | {"time": None} == {
         "capture": "day1.pcap", "time": None, "channel": 1, "direction": "out", "event": "frame",
-        "frame": asked["frame"], "result": asked["result"], "size": 8, "bytes": ASK, "fields": asked["fields"],
+        "frame": request["frame"], "result": request["result"], "size": 8, "bytes": ASK, "fields": request["fields"],
         "reason": None, "segment": None, "offset": None,
     }  # fmt: skip
-    assert SECOND <= asked["time"] < SECOND + SECOND // 10
-    assert json.loads(asked["fields"])["station"] == 1
+    assert SECOND <= request["time"] < SECOND + SECOND // 10
+    assert json.loads(request["fields"])["station"] == 1
     bad = found[-1]
     assert bad["event"] == "bad" and bad["offset"] is not None and bad["reason"] and bad["bytes"] == WRONG
 

@@ -80,10 +80,10 @@ class Watcher:
     def wait(self, name: str, until: Callable[[Member], object]) -> Member:
         """Return the gateway as soon as a condition on it is true."""
         with self._change:
-            there = self._change.wait_for(
+            is_true = self._change.wait_for(
                 lambda: name in self.fleet.members and until(self.fleet.members[name]), timeout=60
             )
-        assert there, self.fleet.members
+        assert is_true, self.fleet.members
         return self.fleet.members[name]
 
     def __enter__(self) -> Watcher:
@@ -124,15 +124,15 @@ def test_gateways_are_listed_and_told_of_when_they_end_or_are_killed(
             assert watcher.wait("one", is_well).takes_files and not watcher.wait("two", is_well).takes_files
             assert main(["fleet", f"127.0.0.1:{broker.port}"]) == 0
             shown = capsys.readouterr().out.splitlines()
-            told = [line.split() for line in shown[1:]]
-            assert [(*words[:2], words[3]) for words in told] == [("one", "up", "meter"), ("two", "up", "meter")]
-            assert all(words[2].startswith("20") and words[2].endswith("Z") for words in told)
+            listed = [line.split() for line in shown[1:]]
+            assert [(*words[:2], words[3]) for words in listed] == [("one", "up", "meter"), ("two", "up", "meter")]
+            assert all(words[2].startswith("20") and words[2].endswith("Z") for words in listed)
             killed.kill()
             watcher.wait("two", lambda member: not member.online)
         watcher.wait("one", lambda member: not member.online)
         assert main(["fleet", f"127.0.0.1:{broker.port}", "one", "--json"]) == 0
-        told = json.loads(capsys.readouterr().out)
-        assert told["gateway"] == "one" and not told["online"] and told["points"] == 1 and "number" not in told
+        listed = json.loads(capsys.readouterr().out)
+        assert listed["gateway"] == "one" and not listed["online"] and listed["points"] == 1 and "number" not in listed
         assert main(["fleet", f"127.0.0.1:{broker.port}", "three"]) == 1
         assert "there is no gateway 'three'" in capsys.readouterr().err
 
@@ -371,19 +371,19 @@ def test_a_watch_tells_what_changes(tmp_path: Path) -> None:
         path = write_run(tmp_path / "one", "one", broker.port, "")
         background = ["sh", "-c", 'trap "" INT; exec "$@"', "sh"]  # as shells start jobs in the background
         words = [*background, sys.executable, "-m", "framekit", "fleet", f"127.0.0.1:{broker.port}", "--watch"]
-        told = tmp_path / "told"
-        with gateway(path, "--watch"), told.open("wb") as printed:
+        output_file = tmp_path / "told"
+        with gateway(path, "--watch"), output_file.open("wb") as printed:
             watcher.wait("one", is_well)
             watching = subprocess.Popen(words, stdout=printed, stderr=printed)
             try:
-                wait_for(lambda: "up" in told.read_text().split())
+                wait_for(lambda: "up" in output_file.read_text().split())
                 first = watcher.wait("one", is_well).said("file")
                 path.write_text(f"{path.read_text()}# edited\n")
                 digest = watcher.wait("one", lambda one: one.said("file") != first).said("file")
                 assert digest == digest_of(path.read_bytes())
-                wait_for(lambda: digest in told.read_text())
+                wait_for(lambda: digest in output_file.read_text())
                 broker.kill()
-                wait_for(lambda: "has gone" in told.read_text() and "one  down" in told.read_text())
+                wait_for(lambda: "has gone" in output_file.read_text() and "one  down" in output_file.read_text())
             finally:
                 watching.send_signal(signal.SIGINT)
                 assert watching.wait(30) == 0

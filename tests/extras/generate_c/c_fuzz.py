@@ -253,8 +253,8 @@ def main() -> int:
             continue
         total += found.bytes
         faults += bool(found.fault)
-        told = f"{found.bytes} bytes, {found.good} frames, {found.bad} bad, {found.built} built again"
-        print(f"{name}: {found.fault or told} ({time.perf_counter() - since:.0f} s)", flush=True)
+        summary = f"{found.bytes} bytes, {found.good} frames, {found.bad} bad, {found.built} built again"
+        print(f"{name}: {found.fault or summary} ({time.perf_counter() - since:.0f} s)", flush=True)
     print(f"{total} bytes in {time.perf_counter() - begin:.0f} s, {faults} programs stopped")
     return 1 if faults else 0
 

@@ -535,12 +535,12 @@ def differences(c: CProtocol, asked: Iterable[tuple[str, bytes]]) -> list[str]:
     answers = c.ask([f"d {identifier(frame)} x{data.hex()}" for frame, data in pairs])
     for (frame, data), answer in zip(pairs, answers, strict=True):
         wanted = c.expected(frame, data)
-        if not alike(wanted, answer) and not answer.startswith("! no_room"):
+        if not agree(wanted, answer) and not answer.startswith("! no_room"):
             found.append(f"{frame} {data.hex(' ').upper()}: Python {wanted[:200]}, C {answer[:200]}")
     return found
 
 
-def alike(wanted: str, answer: str) -> bool:
+def agree(wanted: str, answer: str) -> bool:
     """Return whether C and Python agree.
 
     The default of an absent value, which C prints as `~` and the default, may be a value or None in Python.
@@ -665,7 +665,7 @@ def changed_values(random_: random.Random, value: Any) -> Any:
 def encode_trial(c: CProtocol, seed: int, samples: int = 6, changes: int = 8) -> list[str]:
     """Compare the encoding of drawn values and changed values, for every frame of the C."""
     random_ = random.Random(seed)
-    asked: list[tuple[str, Mapping[str, Any]]] = []
+    cases: list[tuple[str, Mapping[str, Any]]] = []
     only = {frame for frame, _, _ in c.generated.to_give}
     for frame in _ordered(c.generated):  # also the outer frames of such a frame
         if only & set(_inside(c.generated.structs[frame])):
@@ -675,17 +675,17 @@ def encode_trial(c: CProtocol, seed: int, samples: int = 6, changes: int = 8) ->
         if frame in not_built:
             continue
         for sample in Sampler(c.codec, c.context).samples(frame, samples):
-            asked.append((frame, sample.read))
+            cases.append((frame, sample.read))
             if frame not in only:
-                asked.append((frame, sample.values))
-                asked += ((frame, changed_values(random_, sample.values)) for _ in range(changes))
-    return encoded_alike(c, asked)
+                cases.append((frame, sample.values))
+                cases += ((frame, changed_values(random_, sample.values)) for _ in range(changes))
+    return encoded_alike(c, cases)
 
 
 def measure_trial(c: CProtocol, seed: int, samples: int = 4, changes: int = 3) -> list[str]:
     """Return the prefixes of frames that C and Python measure differently."""
     random_ = random.Random(seed)
-    asked: list[tuple[str, bytes]] = []
+    cases: list[tuple[str, bytes]] = []
     left = dict(c.generated.not_measured)
     for frame in c.generated.frames:
         if frame in left:
@@ -693,9 +693,9 @@ def measure_trial(c: CProtocol, seed: int, samples: int = 4, changes: int = 3) -
         for data in c.samples(frame, samples):
             for one in (data, *mutated(random_, data, changes)):
                 ends = range(len(one) + 1) if len(one) < 60 else sorted(random_.sample(range(len(one) + 1), 40))
-                asked += ((frame, one[:end]) for end in ends)
-            asked.append((frame, data + bytes(random_.randrange(256) for _ in range(3))))
-    pairs = list(dict.fromkeys(asked))
+                cases += ((frame, one[:end]) for end in ends)
+            cases.append((frame, data + bytes(random_.randrange(256) for _ in range(3))))
+    pairs = list(dict.fromkeys(cases))
     found = []
     answers = c.ask([f"m {identifier(frame)} x{data.hex()}" for frame, data in pairs])
     for (frame, data), answer in zip(pairs, answers, strict=True):
@@ -757,26 +757,26 @@ def streams_of(c: CProtocol, side: str, seed: int, noisy: bool, count: int = 6) 
 
 def stream_trial(c: CProtocol, seed: int, noisy: bool, count: int = 6) -> tuple[list[str], int]:
     """Return the streams in which the C parser and the receiver find different frames, and the number of streams."""
-    found, tried = [], 0
+    found, count_ = [], 0
     for side in ("client", "server"):
         streams = streams_of(c, side, seed, noisy, count)
-        tried += len(streams)
+        count_ += len(streams)
         at_once = found_by_c(c, side, streams, 70000)
         for data, theirs, one_by_one in zip(streams, at_once, found_by_c(c, side, streams, 1), strict=True):
             assert theirs == one_by_one, data.hex(" ")
             ours = found_by_python(c, side, data)
             if ours != theirs:
                 found.append(f"{side} {data.hex(' ').upper()}: Python {ours}, C {theirs}"[:900])
-    return found, tried
+    return found, count_
 
 
 def trial(c: CProtocol, seed: int, samples: int = 6, changes: int = 12) -> list[str]:
     """Compare drawn frames and changed frames, for every frame of the C."""
     random_ = random.Random(seed)
-    asked: list[tuple[str, bytes]] = []
+    cases: list[tuple[str, bytes]] = []
     for frame in c.generated.frames:
         for data in c.samples(frame, samples):
-            asked.append((frame, data))
-            asked += ((frame, one) for one in mutated(random_, data, changes))
-        asked += ((frame, bytes(random_.randrange(256) for _ in range(random_.randrange(12)))) for _ in range(6))
-    return differences(c, asked)
+            cases.append((frame, data))
+            cases += ((frame, one) for one in mutated(random_, data, changes))
+        cases += ((frame, bytes(random_.randrange(256) for _ in range(random_.randrange(12)))) for _ in range(6))
+    return differences(c, cases)

@@ -24,7 +24,7 @@ needs_gcc = pytest.mark.skipif(GCC is None, reason="gcc is missing")
 QUICK = ("ccm", "dynamixel", "modbus-rtu")
 
 
-def told(text: str) -> list[str]:
+def omissions(text: str) -> list[str]:
     """Return the messages for omitted parts, each with its line in the file."""
     made = generate(load_protocol_text(text, "small"))
     return [re.sub(r"^.*small\.yaml:", "", str(problem)) for _, problem in made.left_out]
@@ -111,13 +111,13 @@ def test_numbers_in_text_are_read_and_built_as_by_python(tmp_path: Path) -> None
     )
     c = compiled(f"protocol: small\nframes:\n{frames}", tmp_path)
     assert len(c.generated.frames) == len(DECIMALS) and not c.generated.not_built
-    random_, asked = Random(3), []
+    random_, cases = Random(3), []
     for frame in c.generated.frames:
         for data in c.samples(frame, 20):
-            asked += [(frame, data), *((frame, _some_signs_changed(random_, data)) for _ in range(60))]
+            cases += [(frame, data), *((frame, _some_signs_changed(random_, data)) for _ in range(60))]
         for _ in range(1500):
-            asked.append((frame, bytes(random_.choices(b"0012459+-.E ", k=random_.randrange(1, 7))) + b",b"))
-    assert differences(c, asked) == []
+            cases.append((frame, bytes(random_.choices(b"0012459+-.E ", k=random_.randrange(1, 7))) + b",b"))
+    assert differences(c, cases) == []
     assert encode_trial(c, seed=4, samples=20, changes=40) == []
     assert measure_trial(c, seed=5, samples=4, changes=6) == []
 
@@ -191,7 +191,7 @@ def test_frames_with_a_name_of_every_file_are_left_out() -> None:
 def test_frames_with_one_name_in_c_are_left_out() -> None:
     text = "protocol: p\nframes:\n  a-b: {body: [{const: 01}]}\n  a.b: {body: [{const: 02}]}\n"
     assert generate(load_protocol_text(text, "small")).frames == ("a-b",)
-    assert told(text) == [
+    assert omissions(text) == [
         "4:3: the frame 'a.b' and the frame 'a-b' are both called 'p_a_b' in the C of 'p' – rename one of them"
     ]
 
@@ -216,7 +216,7 @@ def test_what_cannot_be_said_is_left_out_with_its_place() -> None:
         "  keyed: {body: [{field: a, type: u8}, {check: hmac-md5, key: k, size: 4}]}\n"
     )
     assert generate(load_protocol_text(text, "small")).frames == ("plain",)
-    assert told(text) == ["5:40: 'hmac-md5', a code that is made with a key"]
+    assert omissions(text) == ["5:40: 'hmac-md5', a code that is made with a key"]
 
 
 def test_decimals_that_64_bits_do_not_hold_are_left_out() -> None:
@@ -225,4 +225,4 @@ def test_decimals_that_64_bits_do_not_hold_are_left_out() -> None:
         f"  f{number}: {{body: [{{field: a, type: decimal, {one}}}]}}\n" for number, one in enumerate(keys)
     )
     assert generate(load_protocol_text(text, "small")).frames == ("f3",)
-    assert {one.partition(": ")[2] for one in told(text)} == {"'a' is a number of more than 64 bits"}
+    assert {one.partition(": ")[2] for one in omissions(text)} == {"'a' is a number of more than 64 bits"}

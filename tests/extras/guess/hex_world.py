@@ -28,10 +28,10 @@ def polled(count: int = 40) -> list[HeardBytes]:
     rng, chunks = random.Random(11), list[HeardBytes]()
     for at in range(count):
         head = bytes([0xA5, rng.choice([3, 4])])
-        told = struct.pack(">f", 20 + at / 4) + bytes([rng.choice([0, 1, 0x80])])
+        reply = struct.pack(">f", 20 + at / 4) + bytes([rng.choice([0, 1, 0x80])])
         now = at * 500_000_000
         chunks.append(HeardBytes(now, "out", framed(head + bytes([rng.randrange(9), 0x10]))))
-        chunks.append(HeardBytes(now + 20_000_000, "in", framed(head + told)))
+        chunks.append(HeardBytes(now + 20_000_000, "in", framed(head + reply)))
         if at == 10:
             chunks.append(HeardBytes(now + 200_000_000, "in", b"\x13\x37\x00"))
     return chunks

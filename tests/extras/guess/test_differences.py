@@ -31,9 +31,11 @@ def registers(level: int, seed: int, extra: bool = False, count: int = 20) -> li
             if (station, first) == (17, 16):
                 words[0] = level
             body = b"".join(word.to_bytes(2, "big") for word in words) if function != 1 else bytes([rng.randrange(256)])
-            asked = bytes([station, function, 0, first, 0, number])
+            request = bytes([station, function, 0, first, 0, number])
             now = (at * 10 + 2 * step) * 50_000_000
-            for later, (way, text) in enumerate((("out", asked), ("in", bytes([station, function, len(body)]) + body))):
+            for later, (way, text) in enumerate(
+                (("out", request), ("in", bytes([station, function, len(body)]) + body))
+            ):
                 code = compute(MODBUS, text).to_bytes(2, "little")
                 found.append(HeardBytes(now + later * 30_000_000, way, text + code))  # type: ignore[arg-type]
     return found

@@ -36,13 +36,13 @@ def polls(count: int, one_wire: bool = False) -> list[HeardBytes]:
     for at in range(count):
         head = bytes([rng.choice([1, 2]), rng.choice([3, 3, 4, 6])])
         size = rng.randrange(1, 9)
-        asked = told = head + rng.randrange(100).to_bytes(2, "big") + rng.randrange(65536).to_bytes(2, "big")
+        request = reply = head + rng.randrange(100).to_bytes(2, "big") + rng.randrange(65536).to_bytes(2, "big")
         if head[1] != 6:
-            asked = asked[:4] + size.to_bytes(2, "big")
-            told = head + bytes([2 * size]) + bytes(rng.randrange(256) for _ in range(2 * size))
+            request = request[:4] + size.to_bytes(2, "big")
+            reply = head + bytes([2 * size]) + bytes(rng.randrange(256) for _ in range(2 * size))
         now = at * 100_000_000
-        found.append(HeardBytes(now, "" if one_wire else "out", rtu(asked)))
-        found.append(HeardBytes(now + 20_000_000, "" if one_wire else "in", rtu(told)))
+        found.append(HeardBytes(now, "" if one_wire else "out", rtu(request)))
+        found.append(HeardBytes(now + 20_000_000, "" if one_wire else "in", rtu(reply)))
     return found
 
 
@@ -55,8 +55,8 @@ def test_requests_and_replies_are_told_apart(one_wire: bool) -> None:
     assert found.framing is not None and found.framing.kind == "pauses" and len(found.frames) == 80
     assert found.check is not None and found.check.name == "crc16-modbus"
     assert [kind.name for kind in found.kinds] == FUNCTIONS
-    told = next(kind for kind in found.kinds if kind.name == "told_03")
-    assert [(field.name, field.kind) for field in told.fields] == [
+    reply_kind = next(kind for kind in found.kinds if kind.name == "told_03")
+    assert [(field.name, field.kind) for field in reply_kind.fields] == [
         ("copy_0", "copy"), ("function", "constant"), ("count", "count"), ("data", "value"), ("check", "check"),
     ]  # fmt: skip
 
@@ -180,8 +180,8 @@ def test_a_definition_is_written_checked_and_read_back(tmp_path: Path, capsys: p
     assert main(["check", str(written)]) == 0 and main(["test", str(written)]) == 0
     capsys.readouterr()
     assert main(["guess", str(tmp_path / "heard.txt"), "--with", str(written), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert (told["frames"], told["bad"], told["noise"]) == (80, 0, 0)
+    output = json.loads(capsys.readouterr().out)
+    assert (output["frames"], output["bad"], output["noise"]) == (80, 0, 0)
     assert main(["guess", str(tmp_path / "heard.txt"), "--write", str(written)]) == 2
     assert "is there already" in capsys.readouterr().err
     assert main(["guess", str(tmp_path / "heard.txt"), "--write", str(tmp_path / "A B.yaml")]) == 1
@@ -269,8 +269,8 @@ def test_a_code_behind_the_end_mark_is_found(name: str, start: bytes, tmp_path: 
     assert [frame.data for frame in found.frames] == [chunk.data for chunk in chunks]
     path = tmp_path / "found.yaml"
     assert write_definition(found, path, "made up").problems == ()
-    told = reading_of(path, chunks).data
-    assert (told["frames"], told["bad"], told["noise"]) == (80, 0, 0)
+    reading = reading_of(path, chunks).data
+    assert (reading["frames"], reading["bad"], reading["noise"]) == (80, 0, 0)
 
 
 @pytest.mark.parametrize(("start", "counted"), [(b"\x10\x02", 2), (b"\x10\x02", 1), (b"\x7e", 1)])
@@ -290,8 +290,8 @@ def test_a_check_in_a_wrap_counts_the_start_mark(start: bytes, counted: int, tmp
     path = tmp_path / "found.yaml"
     assert write_definition(found, path, "made up").problems == ()
     assert f"over: {len(start) - counted}..here" in path.read_text("utf-8")
-    told = reading_of(path, chunks).data
-    assert (told["frames"], told["bad"], told["noise"]) == (40, 0, 0)
+    reading = reading_of(path, chunks).data
+    assert (reading["frames"], reading["bad"], reading["noise"]) == (40, 0, 0)
 
 
 def test_a_check_that_begins_within_a_field_of_a_wrap_is_left_out(tmp_path: Path) -> None:
@@ -305,8 +305,8 @@ def test_a_check_that_begins_within_a_field_of_a_wrap_is_left_out(tmp_path: Path
     path = tmp_path / "found.yaml"
     assert write_definition(found, path, "made up").problems == ()
     assert "# crc16-modbus, counted from byte 3 on: no name stands where that" in path.read_text("utf-8")
-    told = reading_of(path, chunks).data
-    assert (told["frames"], told["bad"], told["noise"]) == (40, 0, 0)
+    reading = reading_of(path, chunks).data
+    assert (reading["frames"], reading["bad"], reading["noise"]) == (40, 0, 0)
 
 
 @pytest.mark.parametrize(("form", "shown"), [("decimal", "03d"), ("hex", "04X")])
@@ -321,5 +321,5 @@ def test_a_length_as_digits_is_found(form: str, shown: str, tmp_path: Path) -> N
     assert [frame.data for frame in found.frames] == [chunk.data for chunk in chunks]
     path = tmp_path / "found.yaml"
     assert write_definition(found, path, "made up").problems == ()
-    told = reading_of(path, chunks).data
-    assert (told["frames"], told["bad"], told["noise"]) == (60, 0, 0)
+    reading = reading_of(path, chunks).data
+    assert (reading["frames"], reading["bad"], reading["noise"]) == (60, 0, 0)

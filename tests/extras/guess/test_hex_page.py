@@ -89,8 +89,8 @@ def test_lines_come_a_few_at_a_time(page: HexPage) -> None:
     assert [line[0] for line in lines(session, 5, 3)] == [5, 6, 7]
     whole = "".join(line[7] for line in lines(session, most=200, width=8))
     assert bytes.fromhex(whole) == shown(page.board.table)
-    told = next(number for number, kind in enumerate(page.board.table.kinds) if kind.name == "told")
-    assert {line[5] for line in lines(session, kind=told)} == {told}
+    kind_number = next(number for number, kind in enumerate(page.board.table.kinds) if kind.name == "told")
+    assert {line[5] for line in lines(session, kind=kind_number)} == {kind_number}
     assert [line[7] for line in lines(session, kind=NOISE)] == ["133700"]
     assert lines(session, 10**9) == []
 
@@ -101,9 +101,9 @@ def test_a_hundred_thousand_frames_are_not_sent() -> None:
     session = HexBoard("large", guessed_table(found), found.statements).session(Access(TOKEN), "test:1")
     hello = session.hello()
     assert hello["rows"] > 100_000 and len(json.dumps(hello)) < LARGEST_MESSAGE
-    told = answered(session, lines=90_000, most=10**9, kind=None, width=16)
-    assert len(told["list"]) == MOST_LINES and told["of"] > 100_000 and len(json.dumps(told)) < 100_000
-    point = answered(session, point=told["list"][0][0], first=2, size=1)
+    answer = answered(session, lines=90_000, most=10**9, kind=None, width=16)
+    assert len(answer["list"]) == MOST_LINES and answer["of"] > 100_000 and len(json.dumps(answer)) < 100_000
+    point = answered(session, point=answer["list"][0][0], first=2, size=1)
     assert point["frames"] <= 10_000
 
 
@@ -122,8 +122,10 @@ def test_a_definition_gives_the_fields(page: HexPage) -> None:
 
 
 def test_frames_with_others_inside_have_the_names_of_these() -> None:
-    asked, told = bytes([3, 3, 0, 0, 0, 2]), bytes([3, 3, 4, 0, 215, 0, 1])
-    table = definition_table("modbus-rtu", [HeardBytes(0, "out", framed(asked)), HeardBytes(10**9, "in", framed(told))])
+    request, reply = bytes([3, 3, 0, 0, 0, 2]), bytes([3, 3, 4, 0, 215, 0, 1])
+    table = definition_table(
+        "modbus-rtu", [HeardBytes(0, "out", framed(request)), HeardBytes(10**9, "in", framed(reply))]
+    )
     assert [(kind.name, kind.frame) for kind in table.kinds] == [
         ("read_holding", "request_adu"), ("read_holding_reply", "reply_adu"),
     ]  # fmt: skip
@@ -142,9 +144,9 @@ def test_frames_with_others_inside_have_the_names_of_these() -> None:
 
 def test_a_byte_tells_what_it_may_be(page: HexPage) -> None:
     session = page.session()
-    told = answered(session, point=1, first=2, size=4)
-    assert told["frames"] == 40 and told["different"] == 40 and told["bytes"] == "41a00000"
-    assert ["f32", "big", "20", "20", "29.75", 40] in [row[1:] for row in told["types"]]
+    answer = answered(session, point=1, first=2, size=4)
+    assert answer["frames"] == 40 and answer["different"] == 40 and answer["bytes"] == "41a00000"
+    assert ["f32", "big", "20", "20", "29.75", 40] in [row[1:] for row in answer["types"]]
     one = answered(session, point=1, first=2, size=1)
     assert {(size, type_, order) for size, type_, order, *_ in one["types"]} >= {
         (1, "u8", "big"), (2, "u16", "big"), (2, "i16", "little"), (4, "f32", "little"), (4, "f32", "CDAB"),
@@ -202,14 +204,14 @@ def test_what_is_no_message_is_refused(page: HexPage, told: object) -> None:
 def test_a_float_is_refused_and_leaves_no_traceback(page: HexPage, caplog: pytest.LogCaptureFixture) -> None:
     app = PageApp(Access(TOKEN))
     app.show(page.board)
-    with TestClient(app.app, base_url=HOME).websocket_connect(LIVE) as there:
-        assert [there.receive_json() for _ in range(2)][1]["round"] == 1
-        there.send_text('{"lines": 0, "width": 16.0, "most": 5, "kind": null}')
-        there.send_text('{"forget": "told", "first": 2, "id": NaN}')
-        there.send_json({"lines": 0, "width": 16, "most": 5, "kind": None})
-        answers = [there.receive_json()]
+    with TestClient(app.app, base_url=HOME).websocket_connect(LIVE) as socket:
+        assert [socket.receive_json() for _ in range(2)][1]["round"] == 1
+        socket.send_text('{"lines": 0, "width": 16.0, "most": 5, "kind": null}')
+        socket.send_text('{"forget": "told", "first": 2, "id": NaN}')
+        socket.send_json({"lines": 0, "width": 16, "most": 5, "kind": None})
+        answers = [socket.receive_json()]
         while "list" not in answers[-1]:
-            answers.append(there.receive_json())
+            answers.append(socket.receive_json())
     assert answers[:-1] == [{"trouble": "this is no message"}] * 2 and len(answers[-1]["list"]) == 5
     assert not [record for record in caplog.records if record.exc_info]
 
@@ -233,17 +235,17 @@ def test_a_browser_names_over_a_socket(page: HexPage) -> None:
     app.show(page.board)
     client = TestClient(app.app, base_url=HOME)
     assert "hexlines" in client.get("/bytes.js").text and 'src="bytes.js"' in client.get("/").text
-    with client.websocket_connect(LIVE, headers={"origin": HOME}) as there:
-        assert there.receive_json()["hello"] == "meter.txt"
-        assert there.receive_json() == {"round": 1, "problems": [], "warnings": list(page.names.draft.warnings)}
-        there.send_json({"lines": 0, "most": 2, "kind": None, "width": 16})
-        assert [line[0] for line in there.receive_json()["list"]] == [0, 1]
-        there.send_json({"token": TOKEN})
-        assert there.receive_json() == {"may": True}
-        there.send_json(
+    with client.websocket_connect(LIVE, headers={"origin": HOME}) as socket:
+        assert socket.receive_json()["hello"] == "meter.txt"
+        assert socket.receive_json() == {"round": 1, "problems": [], "warnings": list(page.names.draft.warnings)}
+        socket.send_json({"lines": 0, "most": 2, "kind": None, "width": 16})
+        assert [line[0] for line in socket.receive_json()["list"]] == [0, 1]
+        socket.send_json({"token": TOKEN})
+        assert socket.receive_json() == {"may": True}
+        socket.send_json(
             {"name": "level", "kind": "told", "first": 2, "size": 4, "type": "f32", "order": "big", "id": 7}
         )
-        answers = [there.receive_json() for _ in range(2)]
+        answers = [socket.receive_json() for _ in range(2)]
         assert {"done": 7} in answers and any(one.get("round") == 2 for one in answers)
     assert "level" in page.path.read_text("utf-8")
 

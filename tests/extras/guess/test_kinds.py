@@ -41,8 +41,8 @@ def meter(count: int, temperature: int, spread: int, seed: int) -> list[HeardByt
             energy >> 16, energy & 0xFFFF, rng.randint(150, 350),
         ][first : first + number]  # fmt: skip
         head = bytes([0x11, 0x10 + at & 0xFF])
-        told = b"".join(word.to_bytes(2, "big") for word in words)
-        pairs.append((b"\xc3\x04" + head + bytes([0, first, 0, number]), bytes([0x3C, 2 + number]) + head + told))
+        reply = b"".join(word.to_bytes(2, "big") for word in words)
+        pairs.append((b"\xc3\x04" + head + bytes([0, first, 0, number]), bytes([0x3C, 2 + number]) + head + reply))
     return exchanges(pairs)
 
 
@@ -81,8 +81,8 @@ def test_what_request_and_reply_have_alike_tells_kinds_apart() -> None:
     for at in range(60):
         function = at % 3 + 1
         body = bytes(rng.randrange(256) for _ in range([0, 2, 7, 4][function]))
-        told = bytes([9, 0x40 | function]) + body if at % 10 else bytes([9, 0xC0 | function, 4])
-        pairs.append((bytes([9, function, rng.randrange(256)]), told))
+        reply = bytes([9, 0x40 | function]) + body if at % 10 else bytes([9, 0xC0 | function, 4])
+        pairs.append((bytes([9, function, rng.randrange(256)]), reply))
     found = guess(exchanges(pairs))
     assert {"told_41", "told_42", "told_43"} <= set(names(found))
 
@@ -105,20 +105,20 @@ def test_what_is_said_of_a_kind_is_counted_in_it() -> None:
         body = bytes(rng.randrange(256) for _ in range(size))
         pairs.append((bytes([7, at, function, 1]), bytes([7, at, function]) + body))
     found = guess(exchanges(pairs))
-    said = {one.text: str(one.evidence) for one in found.statements}
-    assert said["told_20: byte 1 copy_1: as in the request"] == "12 of 12"
-    answered = [text for text in said if "is answered by" in text]
+    statements = {one.text: str(one.evidence) for one in found.statements}
+    assert statements["told_20: byte 1 copy_1: as in the request"] == "12 of 12"
+    answered = [text for text in statements if "is answered by" in text]
     assert answered and all("is answered by told_2" in text for text in answered)
 
 
 def test_kinds_that_are_not_named_are_counted() -> None:
     rng, pairs = random.Random(8), []
     for at in range(60):
-        told = [0x20, 0x30, 0x40, 0x50, 0x60][rng.randrange(5)]
-        pairs.append((bytes([7, at]), bytes([7, at, told]) + bytes(rng.randrange(256) for _ in range(told >> 4))))
-    said = [one.text for one in guess(exchanges(pairs)).statements]
-    assert any(" or 2 more (" in text for text in said)
-    assert "asked: byte 1 copy_1: goes up by one from frame to frame; the reply repeats it" in said
+        codes = [0x20, 0x30, 0x40, 0x50, 0x60][rng.randrange(5)]
+        pairs.append((bytes([7, at]), bytes([7, at, codes]) + bytes(rng.randrange(256) for _ in range(codes >> 4))))
+    statements = [one.text for one in guess(exchanges(pairs)).statements]
+    assert any(" or 2 more (" in text for text in statements)
+    assert "asked: byte 1 copy_1: goes up by one from frame to frame; the reply repeats it" in statements
 
 
 def test_a_length_in_words_is_said_in_words() -> None:

@@ -183,11 +183,13 @@ def test_where_damage_is_not_seen_only_text_speaks_for_a_speed() -> None:
 # ---- a trial --------------------------------------------------------------------------------------------------
 
 
-def tried(port: UartPort, clock: VirtualClock, lines: list[LineFormat], stop_after: int = 0) -> tuple[TrialResult, str]:
+def trial_result(
+    port: UartPort, clock: VirtualClock, lines: list[LineFormat], stop_after: int = 0
+) -> tuple[TrialResult, str]:
     ended: list[tuple[TrialResult, str]] = []
-    told: list[str] = []
+    lines_tried: list[str] = []
     trial = LineTrial(
-        port, clock, lines, lambda *end: ended.append(end), on_result=lambda one: told.append(str(one.line))
+        port, clock, lines, lambda *end: ended.append(end), on_result=lambda one: lines_tried.append(str(one.line))
     )
     trial.start()
     if stop_after:
@@ -195,7 +197,7 @@ def tried(port: UartPort, clock: VirtualClock, lines: list[LineFormat], stop_aft
         trial.stop()
     while clock.advance():
         pass
-    assert len(ended) == 1 and (stop_after or told[: len(lines)] == [str(line) for line in lines])
+    assert len(ended) == 1 and (stop_after or lines_tried[: len(lines)] == [str(line) for line in lines])
     assert "write" not in port.log and "break" not in port.log, "it only listens"
     return ended[0]
 
@@ -204,7 +206,7 @@ def test_a_trial_finds_the_line_and_closes_the_port() -> None:
     line = parse_format("8E1", 19200)
     clock = VirtualClock()
     port = UartPort(traffic("binary", line, Random(4), 60), clock)
-    verdict, why = tried(port, clock, LINES)
+    verdict, why = trial_result(port, clock, LINES)
     assert (verdict.certainty, verdict.line, why) == ("sure", line, "")
     assert port.log == ["open", "close"]
     assert clock.now() < 150 * SECOND
@@ -213,7 +215,7 @@ def test_a_trial_finds_the_line_and_closes_the_port() -> None:
 def test_a_speed_that_the_device_cannot_have_is_passed_over() -> None:
     clock = VirtualClock()
     port = UartPort(traffic("text", NINE, Random(5), 60), clock, refused=(115200, 38400))
-    verdict, why = tried(port, clock, LINES)
+    verdict, why = trial_result(port, clock, LINES)
     assert (verdict.certainty, verdict.line, why) == ("sure", NINE, "")
     problems = {one.line.speed for one in verdict.ranking if one.problem}
     assert problems == {115200, 38400}
@@ -222,14 +224,14 @@ def test_a_speed_that_the_device_cannot_have_is_passed_over() -> None:
 def test_without_the_test_at_twice_the_speed_it_is_not_sure() -> None:
     clock = VirtualClock()
     port = UartPort(traffic("text", NINE, Random(5), 60), clock, refused=(19200,))
-    verdict, _ = tried(port, clock, [NINE, parse_format("7E1", 9600)])
+    verdict, _ = trial_result(port, clock, [NINE, parse_format("7E1", 9600)])
     assert (verdict.certainty, verdict.line) == ("likely", NINE)
 
 
 def test_a_trial_that_is_stopped_says_what_it_knows() -> None:
     clock = VirtualClock()
     port = UartPort(traffic("text", NINE, Random(6), 60), clock)
-    verdict, why = tried(port, clock, LINES, stop_after=1500 * MS)
+    verdict, why = trial_result(port, clock, LINES, stop_after=1500 * MS)
     assert verdict.line == NINE and verdict.certainty != "sure" and why == ""
 
 

@@ -35,11 +35,11 @@ def polled(count: int = 40) -> list[HeardBytes]:
     rng, chunks = random.Random(11), list[HeardBytes]()
     for at in range(count):
         head = bytes([0xA5, rng.choice([3, 4])])
-        told = struct.pack(">f", 20 + at / 4) + bytes([rng.choice([0, 1, 0x80])])
-        told += bytes(rng.randrange(97, 123) for _ in range(rng.randrange(2, 9)))
+        reply = struct.pack(">f", 20 + at / 4) + bytes([rng.choice([0, 1, 0x80])])
+        reply += bytes(rng.randrange(97, 123) for _ in range(rng.randrange(2, 9)))
         now = at * 500_000_000
         chunks.append(HeardBytes(now, "out", framed(head + bytes([rng.randrange(9), 0x10]))))
-        chunks.append(HeardBytes(now + 20_000_000, "in", framed(head + bytes([len(told)]) + told)))
+        chunks.append(HeardBytes(now + 20_000_000, "in", framed(head + bytes([len(reply)]) + reply)))
     return chunks
 
 

@@ -37,12 +37,12 @@ def held_against(name: str, cut: str, count: int = 80) -> None:
     frames = timed(
         [HeardBytes(None, "in" if way == "in" else "out", ways[way][begin:end]) for way, begin, end in case.spans]
     )
-    told = judged_real(replace(case, chunks=CUTS[cut](frames)))
-    assert told.wrong == []
+    marks = judged_real(replace(case, chunks=CUTS[cut](frames)))
+    assert marks.wrong == []
     if cut != LINES or name not in NOT_FROM_LINES:
         whole = judged_real(replace(case, chunks=frames))
-        assert told.framing
-        assert (told.check, told.length) == (whole.check, whole.length)
+        assert marks.framing
+        assert (marks.check, marks.length) == (whole.check, whole.length)
 
 
 QUICK = [
@@ -72,9 +72,9 @@ def polled(count: int) -> list[bytes]:
     rng, found = random.Random(5), list[bytes]()
     for _ in range(count):
         size = rng.randrange(1, 6)
-        asked = bytes([rng.choice([1, 2]), 3, 0, rng.randrange(100), 0, size])
-        told = asked[:2] + bytes([2 * size]) + rng.randbytes(2 * size)
-        found += [one + compute(MODBUS, one).to_bytes(2, "little") for one in (asked, told)]
+        request = bytes([rng.choice([1, 2]), 3, 0, rng.randrange(100), 0, size])
+        reply = request[:2] + bytes([2 * size]) + rng.randbytes(2 * size)
+        found += [one + compute(MODBUS, one).to_bytes(2, "little") for one in (request, reply)]
     return found
 
 
@@ -99,15 +99,15 @@ def random_pieces(size: int, count: int) -> list[HeardBytes]:
 
 @pytest.mark.parametrize("size", [1, 16])
 def test_pieces_of_one_size_are_no_frames_of_that_size(size: int) -> None:
-    said = guess(random_pieces(size, 40)).statements
-    assert [one.is_sure for one in said] == [False]
-    assert "where frames end was not found" in said[0].text
+    statements = guess(random_pieces(size, 40)).statements
+    assert [one.is_sure for one in statements] == [False]
+    assert "where frames end was not found" in statements[0].text
 
 
 def test_pieces_of_one_size_with_a_mark_are_frames() -> None:
     heard = [one._replace(data=b"\xaa\x55" + one.data[2:]) for one in random_pieces(16, 30)]
-    said = guess(heard).statements
-    assert {"a frame begins with AA 55", "every frame has 16 bytes"} <= {one.text for one in said}
+    statements = guess(heard).statements
+    assert {"a frame begins with AA 55", "every frame has 16 bytes"} <= {one.text for one in statements}
 
 
 def sizes_of(pieces: Sequence[HeardBytes]) -> list[int]:

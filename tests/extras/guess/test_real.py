@@ -13,7 +13,7 @@ from framekit.extras.guess.guess import guess
 from framekit.extras.guess.model import Direction, Guess, HeardBytes
 
 
-def said_of(frames: Sequence[bytes], ways: tuple[Direction, Direction] = ("", "")) -> Guess:
+def guess_of(frames: Sequence[bytes], ways: tuple[Direction, Direction] = ("", "")) -> Guess:
     """Return the guess for frames without times; two directions alternate."""
     return guess([HeardBytes(None, ways[at % 2], bytes(frame)) for at, frame in enumerate(frames)])
 
@@ -36,26 +36,26 @@ def modbus(framer: str) -> Guess:
     made = getattr(framers, framer)(DecodePDU(False))
     for number in range(1, 31):
         count, station = rng.randrange(1, 6), rng.choice([1, 2, 9])
-        asked: Any = ReadHoldingRegistersRequest(address=rng.randrange(500), count=count, dev_id=station)
-        told: Any = ReadHoldingRegistersResponse(
+        request: Any = ReadHoldingRegistersRequest(address=rng.randrange(500), count=count, dev_id=station)
+        reply: Any = ReadHoldingRegistersResponse(
             registers=[rng.randrange(1 << 16) for _ in range(count)], dev_id=station
         )
-        asked.transaction_id = told.transaction_id = number
-        out += [made.buildFrame(asked), made.buildFrame(told)]
-    return said_of(out, ("out", "in"))
+        request.transaction_id = reply.transaction_id = number
+        out += [made.buildFrame(request), made.buildFrame(reply)]
+    return guess_of(out, ("out", "in"))
 
 
 def test_modbus_by_pymodbus() -> None:
     found = modbus("FramerRTU")
     assert check_of(found) == ("crc16-modbus", 0, "little")
-    told = next(kind for kind in found.kinds if kind.side == "server")
-    assert {"copy_0", "copy_1", "count", "data"} <= {field.name for field in told.fields}
+    reply_kind = next(kind for kind in found.kinds if kind.side == "server")
+    assert {"copy_0", "copy_1", "count", "data"} <= {field.name for field in reply_kind.fields}
     found = modbus("FramerAscii")
     assert found.framing is not None and (found.framing.start, found.framing.end) == (b":", b"\r\n")
     assert found.framing.stuffing is not None and found.framing.stuffing.kind == "hex"
     assert check_of(found) == ("lrc8", 1, "")
-    told = next(kind for kind in found.kinds if kind.side == "server")
-    assert {"copy_1", "copy_2", "count", "data"} <= {field.name for field in told.fields}
+    reply_kind = next(kind for kind in found.kinds if kind.side == "server")
+    assert {"copy_1", "copy_2", "count", "data"} <= {field.name for field in reply_kind.fields}
     found = modbus("FramerSocket")
     assert found.framing is not None and found.framing.length is not None and found.check is None
     assert (found.framing.length.offset, found.framing.length.width, found.framing.length.plus) == (4, 2, 6)
@@ -72,7 +72,7 @@ def test_nmea_by_pynmea2() -> None:
         out.append(
             f"{pynmea2.RMC('GP', 'RMC', (time, 'A', *place, '0.1', course, '191194', '020.3', 'E'))}\r\n".encode()
         )
-    found = said_of(out)
+    found = guess_of(out)
     assert found.framing is not None and (found.framing.start, found.framing.end) == (b"$", b"\r\n")
     assert found.check is not None and found.check.evidence.holds == found.check.evidence.of
     assert (found.check.name, found.check.place.form, found.check.place.tail) == ("xor8", "hex", 2)
@@ -89,7 +89,7 @@ def test_ubx_by_pyubx2() -> None:
             status.serialize(),
             pyubx2.UBXMessage("NAV", "NAV-POSLLH", pyubx2.GET, iTOW=at * 1000, **where).serialize(),
         ]
-    found = said_of(out)
+    found = guess_of(out)
     assert found.framing is not None and found.framing.length is not None
     assert (found.framing.length.offset, found.framing.length.order, found.framing.length.plus) == (4, "little", 8)
     assert check_of(found) == ("fold16", 2, "little")
@@ -99,7 +99,7 @@ def test_cobs_by_cobs() -> None:
     cobs = pytest.importorskip("cobs.cobs")
     rng = random.Random(4)
     plain = [bytes(rng.choice([0, rng.randrange(256)]) for _ in range(rng.randrange(5, 40))) for _ in range(40)]
-    found = said_of([cobs.encode(one) + b"\0" for one in plain])
+    found = guess_of([cobs.encode(one) + b"\0" for one in plain])
     assert found.framing is not None and found.framing.stuffing is not None and found.framing.stuffing.kind == "cobs"
 
 
@@ -131,7 +131,7 @@ def test_dynamixel_by_its_maker(version: float, offset: int, check: tuple[str, i
         line.is_using = False
         handler.write4ByteTxOnly(line, rng.randrange(1, 5), rng.randrange(20, 60), rng.randrange(1 << 32))
         line.is_using = False
-    found = said_of(line.out)
+    found = guess_of(line.out)
     assert found.framing is not None and found.framing.length is not None and found.framing.length.offset == offset
     assert check_of(found) == check
 
@@ -144,7 +144,7 @@ def test_shdlc_by_its_maker() -> None:
         out.append(
             frames.ShdlcSerialMosiFrameBuilder(rng.randrange(4), rng.choice([0xD0, 0xD1, 0x90]), data).to_bytes()
         )
-    found = said_of(out)
+    found = guess_of(out)
     assert found.framing is not None and found.framing.stuffing is not None
     assert (found.framing.end, found.framing.stuffing.escape, found.framing.stuffing.xor) == (b"~", 0x7D, 0x20)
     assert check_of(found) == ("sum8 ones", 1, "")
@@ -162,6 +162,6 @@ def test_of_a_check_with_a_secret_byte_nothing_is_said() -> None:
         ):
             out.append(bytes(message.pack(made)))
             made.seq = (made.seq + 1) % 256
-    found = said_of(out)
+    found = guess_of(out)
     assert found.framing is not None and found.framing.length is not None and found.framing.length.offset == 1
     assert found.check is None or cut_at(found.check.place, out[0]) is None

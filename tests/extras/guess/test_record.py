@@ -425,9 +425,9 @@ def test_a_connection_that_is_lost_is_made_again(tmp_path: Path) -> None:
         with recording(url, "-o", str(path), "--json") as one:
             assert one.stdout is not None
             for data in (ASK, ANSWER):
-                with server.accept()[0] as there:
+                with server.accept()[0] as connection:
                     assert json.loads(one.stdout.readline())["event"] == "open"
-                    there.sendall(data)
+                    connection.sendall(data)
                     assert json.loads(one.stdout.readline())["bytes"] == data.hex(" ").upper()
                 assert json.loads(one.stdout.readline())["event"] == "closed"
             one.send_signal(signal.SIGTERM)
@@ -499,8 +499,8 @@ def test_speed_and_format_of_a_pseudo_terminal_cannot_be_found(capsys: pytest.Ca
 
 
 def test_what_record_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file, there = str(tmp_path / "x.pcap"), tmp_path / "there.pcap"
-    there.write_bytes(b"precious")
+    file, existing = str(tmp_path / "x.pcap"), tmp_path / "there.pcap"
+    existing.write_bytes(b"precious")
     for status, words, what in (
         (2, ["loop://", "--quiet"], "name a file with -o"),
         (2, ["loop://", "-o", file, "--format", "8"], "line format"),
@@ -516,11 +516,11 @@ def test_what_record_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str])
         (2, ["loop://", "a", "b", "-o", file], "too many"),
         (3, [str(tmp_path / "none"), "-o", file], "no such device"),
         (3, ["loop://", str(tmp_path / "none"), "-o", file], "no such device"),
-        (2, ["loop://", "-o", str(there)], "is there already"),
+        (2, ["loop://", "-o", str(existing)], "is there already"),
         (3, [str(tmp_path / "none"), "--try"], "no such device"),
         (1, ["loop://", "-o", str(tmp_path / "no" / "x")], "No such file"),
     ):
         assert main(["record", *words]) == status, words
         assert what in capsys.readouterr().err, words
         assert not Path(file).exists(), "a recording of nothing does not stay"
-    assert there.read_bytes() == b"precious"
+    assert existing.read_bytes() == b"precious"

@@ -26,8 +26,8 @@ def test_what_is_said_of_a_recording_is_right(name: str) -> None:
 def test_the_definition_of_a_recording_reads_it(name: str, tmp_path: Path) -> None:
     case, path = case_of(name, 200), tmp_path / "found.yaml"
     assert write_definition(guess(case.chunks), path, name).problems == ()
-    told = reading_of(path, case.chunks).data
-    assert (told["frames"], told["bad"], told["noise"]) == (len(case.good), 0, 0)
+    reading = reading_of(path, case.chunks).data
+    assert (reading["frames"], reading["bad"], reading["noise"]) == (len(case.good), 0, 0)
 
 
 def test_each_recording_has_its_truth_and_its_row() -> None:

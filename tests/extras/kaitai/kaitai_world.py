@@ -128,8 +128,8 @@ class Reader:
         if frame not in self.file.frames:
             return True
         inside = next((one for one, type_ in self.file.types.items() if f"/types/{type_}/" in error), None)
-        told = (one.what for one in self.file.left_out if "the first is read" in one.what)
-        names = {name.strip(",") for what in told for name in what.split()}
+        messages = (one.what for one in self.file.left_out if "the first is read" in one.what)
+        names = {name.strip(",") for what in messages for name in what.split()}
         return inside is not None and (inside not in self.file.frames or inside in names)
 
     def compare(self, found: Any, fields: Mapping[str, Any], path: str, into: Compared) -> None:

@@ -140,8 +140,8 @@ class Description:
                 found.refused += 1
             elif kaitai is None or ours is None:
                 found.differences.append(f"{data.hex(' ')}: Kaitai {kaitai}, framekit {ours}")
-            elif told := difference(kaitai, ours, "", self.without):
-                found.differences.append(f"{data.hex(' ')}: {told}")
+            elif found_difference := difference(kaitai, ours, "", self.without):
+                found.differences.append(f"{data.hex(' ')}: {found_difference}")
             else:
                 found.both += 1
         return found

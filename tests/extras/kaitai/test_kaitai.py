@@ -59,8 +59,8 @@ def test_vectors_are_read_as_framekit_reads_them(names: Sequence[str]) -> None:
 
 def test_what_kaitai_does_not_say_is_told_with_its_place() -> None:
     made = generate_kaitai(load_protocol("scpi"))
-    told = {problem.what for problem in made.left_out}
-    assert any(what.startswith("frame 'line' is left out") for what in told)
+    messages = {problem.what for problem in made.left_out}
+    assert any(what.startswith("frame 'line' is left out") for what in messages)
     assert "line" in made.types and "line" not in made.frames
     assert any("the check code" in one.what for one in generate_kaitai(load_protocol("modbus-rtu")).left_out)
     for problem in made.left_out:

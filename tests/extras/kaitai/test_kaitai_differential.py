@@ -242,8 +242,8 @@ def test_good_and_bad_bytes_are_what_they_are_for_framekit(rows: Mapping[str, Ro
     protocols = [definition(text) for text, _ in rows.values()]
     found = {}
     for title, (_, bytes_), (reader, codec) in zip(rows, rows.values(), readers(protocols), strict=True):
-        told = {one.what for one in reader.file.left_out if one.at != reader.protocol.at}
-        assert told == LESS.get(title, set())
+        messages = {one.what for one in reader.file.left_out if one.at != reader.protocol.at}
+        assert messages == LESS.get(title, set())
         frame, all_data = [*reader.protocol.frames][-1], map(bytes.fromhex, bytes_.split("|"))
         found[title] = [one for data in all_data for one in differences(reader, codec, frame, data)]
     assert {title: one for title, one in found.items() if one} == {}
@@ -272,8 +272,8 @@ def test_the_bytes_of_every_kind_of_segment() -> None:
     for case, (reader, codec) in zip(CASES, pairs, strict=True):
         assert differences(reader, codec, "f", case.bytes) == [], case.title
         found = [one for data in case.bad for one in differences(reader, codec, "f", bytes.fromhex(data))]
-        told = [one.what for one in reader.file.left_out if any(word in one.what for word in CHECKS)]
-        assert told or not found, case.title
+        messages = [one.what for one in reader.file.left_out if any(word in one.what for word in CHECKS)]
+        assert messages or not found, case.title
 
 
 @needs_compiler
@@ -299,9 +299,9 @@ def test_drawn_definitions(first: int, count: int) -> None:
     assert len(drawn) > count // 10
     for (_, all_data), (reader, codec) in zip(drawn, readers([protocol for protocol, _ in drawn]), strict=True):
         found = [one for data in all_data for one in differences(reader, codec, "f", data)]
-        told = any(word in one.what for one in reader.file.left_out for word in CHECKS)
+        is_reported = any(word in one.what for one in reader.file.left_out for word in CHECKS)
         inside = any(frame.inner or frame.name != "f" for frame in reader.protocol.frames.values())
-        assert told or inside or not found, reader.file.text
+        assert is_reported or inside or not found, reader.file.text
 
 
 def test_a_definition_with_many_like_names_is_written_in_one_go() -> None:

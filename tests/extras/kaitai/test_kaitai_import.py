@@ -49,7 +49,7 @@ def imported(text: str, folder: Path) -> list[Problem]:
     return [*made.left_out]
 
 
-def told(text: str, folder: Path) -> list[str]:
+def messages_of(text: str, folder: Path) -> list[str]:
     try:
         problems = imported(text, folder)
     except DefinitionError as error:
@@ -153,7 +153,7 @@ instances:
 
 
 def test_what_cannot_be_said_is_told_with_its_place(tmp_path: Path) -> None:
-    assert told(UNSAYABLE, tmp_path) == [
+    assert messages_of(UNSAYABLE, tmp_path) == [
         "1:38: what imports: names is left out – put its types into this file",
         "1:47: warning: meta/license is left out – a definition has no place for it",
         "4:5: the bytes of 'packed' stay as they are, as 'packed_raw' – write by hand what is in them",
@@ -224,7 +224,7 @@ PARTS = {
 @pytest.mark.parametrize("seq", PARTS)
 def test_each_part_that_has_no_form_is_told(seq: str, tmp_path: Path) -> None:
     types = "types: {t: {seq: [{id: again, type: t}]}, two: {seq: [{id: x, size: 2}]}}"
-    found = told(f"meta: {{id: odd}}\nseq: [{seq}]\n{types}\n", tmp_path)
+    found = messages_of(f"meta: {{id: odd}}\nseq: [{seq}]\n{types}\n", tmp_path)
     assert any(PARTS[seq] in one for one in found) if PARTS[seq] else found == []
     if "pad-right" not in seq and PARTS[seq] and "_io" not in seq:
         assert any("the frame 'odd' is left out" in one or "is refused" in one for one in found)
@@ -239,7 +239,7 @@ types:
   inner: {params: [{id: m, type: u1}], seq: [{id: y, type: u1}]}
 instances: {a: {value: body.as<outer>.n}, b: {value: body.as<outer>.x.m}, c: {value: body.as<outer>.x.y}}
 """
-    assert told(text, tmp_path) == [
+    assert messages_of(text, tmp_path) == [
         f"6:{column}: '{name}', which is another one in each case, is left out – write what it means by hand"
         for column, name in ((24, "n"), (54, "m"))
     ]
@@ -252,7 +252,7 @@ types: {t: {seq: [{id: x, type: u1, enum: e}]}}
 enums: {e: {010: eight, 9: nine}}
 instances: {late: {pos: 0, type: t}}
 """
-    assert told(text, tmp_path) == [
+    assert messages_of(text, tmp_path) == [
         "3:13: the number 010 is another one in YAML 1.1 than in 1.2"
         " – write it in base 10 or 16, without zeros before it",
         "4:19: the instance 'late' is left out: it stands in no frame – put it into a type",
@@ -266,7 +266,9 @@ seq: [{id: len, type: u1}, {id: body, type: body}]
 types:
   body: {seq: [{id: len, type: u1}, {id: data, size: _parent.len}]}
 """
-    assert "4:54: 'len' of 'odd', which 'body' has a value of its own for, is left out" in told(text, tmp_path)[1]
+    assert (
+        "4:54: 'len' of 'odd', which 'body' has a value of its own for, is left out" in messages_of(text, tmp_path)[1]
+    )
 
 
 @pytest.mark.parametrize(
@@ -358,13 +360,13 @@ def doubling(depth: int) -> str:
 def test_instances_that_ask_for_each_other_have_a_bound(depth: int, tmp_path: Path) -> None:
     chain = "".join(f"  b{one}: {{value: b{one + 1} + 1}}\n" for one in range(depth))
     text = f"meta: {{id: odd}}\nseq: [{{id: a, type: u1}}]\ninstances:\n{chain}  b{depth}: {{value: a}}\n"
-    assert "instances that ask for each other deeper than 24" in told(text, tmp_path)[0]
+    assert "instances that ask for each other deeper than 24" in messages_of(text, tmp_path)[0]
 
 
 @pytest.mark.parametrize("count", [30, 60, 101, 400, 4000])
 def test_attributes_that_may_be_left_out_in_a_row_have_a_bound(count: int, tmp_path: Path) -> None:
     seq = ", ".join(f"{{id: b{one}, type: u1, if: not _io.eof}}" for one in range(count))
-    found = told(f"meta: {{id: odd}}\nseq: [{{id: a, type: u1}}, {seq}]\n", tmp_path)
+    found = messages_of(f"meta: {{id: odd}}\nseq: [{{id: a, type: u1}}, {seq}]\n", tmp_path)
     assert any("nested deeper" in one or "more than 100 attributes in a row" in one for one in found)
 
 
@@ -373,7 +375,10 @@ def test_types_under_conditions_too_deep_for_python_are_told(tmp_path: Path) -> 
         f"  t{one}: {{seq: [{{id: x, type: u1}}, {{id: a, type: t{one + 1}, if: x == 1}}]}}\n" for one in range(23)
     )
     text = f"meta: {{id: odd}}\nseq: [{{id: a, type: t0}}]\ntypes:\n{types}  t23: {{seq: [{{id: x, type: u1}}]}}\n"
-    assert "the frame 'odd' is left out: parts of a frame stand too deeply inside each other" in told(text, tmp_path)[0]
+    assert (
+        "the frame 'odd' is left out: parts of a frame stand too deeply inside each other"
+        in messages_of(text, tmp_path)[0]
+    )
 
 
 def frames_of(count: int) -> str:

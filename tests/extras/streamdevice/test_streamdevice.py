@@ -145,7 +145,7 @@ def test_a_client_speaks_with_a_device_made_of_the_same_file(tmp_path: Path) -> 
     assert b"CURR 2.500\r\n" in seen and b"CH7?\r\n" in seen
 
 
-def told(text: str) -> list[str]:
+def messages_of(text: str) -> list[str]:
     """Return the messages for a file: omitted parts, or errors."""
     try:
         return [str(one) for one in from_streamdevice(text, "x.proto", "made").left_out]
@@ -168,7 +168,7 @@ def test_what_is_left_out_is_told_with_its_place() -> None:
         'i { ReplyTimeout = soon; out "x"; in "y"; }',
         'j { out "J"; in "\\$1"; }',
     ]
-    assert told("\n".join(lines)) == [
+    assert messages_of("\n".join(lines)) == [
         "x.proto:1:18: warning: the setting Separator – only lists have it: write repeat: with a separator where a "
         "protocol reads or writes a list",
         "x.proto:1:35: warning: the setting PollPeriod – say in a run how often a value is read",
@@ -197,12 +197,12 @@ def test_what_is_left_out_is_told_with_its_place() -> None:
 
 
 def test_a_command_without_any_terminator_is_told_once() -> None:
-    (one,) = told('a { out "A"; in "B"; }')
+    (one,) = messages_of('a { out "A"; in "B"; }')
     assert one == (
         "x.proto:1:5: warning: no terminator is set for this command (and at 1 more place): the IOC may set one for "
         "the port – write Terminator = …; at the head of the file"
     )
-    assert told('Terminator = ""; MaxInput = 1; a { out "A"; in "B"; }') == []
+    assert messages_of('Terminator = ""; MaxInput = 1; a { out "A"; in "B"; }') == []
 
 
 @pytest.mark.parametrize(
@@ -236,7 +236,7 @@ def test_texts_and_variables(text: str, wire: bytes) -> None:
 
 def test_variables_that_nothing_uses_are_told() -> None:
     text = 'Terminater = CR; Terminator = LF; x = 1; y = $x; p { z = 2; out "\\${z}"; w = 3; }'
-    assert [one.partition(": warning: ")[2] for one in told(text)] == [
+    assert [one.partition(": warning: ")[2] for one in messages_of(text)] == [
         "nothing uses the variable 'terminater' – did you mean terminator?",
         "nothing uses the variable 'y' – use it, or remove it",
         "nothing uses the variable 'w' – use it, or remove it",
@@ -245,7 +245,7 @@ def test_variables_that_nothing_uses_are_told() -> None:
 
 def test_marks_of_an_editor_are_no_part_of_a_name() -> None:
     text = b'\xef\xbb\xbfTerminator = CR; p { out "x"; }'.decode("latin-1")
-    assert told(text) == [] and "0D" in from_streamdevice(text, "x.proto", "made").text
+    assert messages_of(text) == [] and "0D" in from_streamdevice(text, "x.proto", "made").text
 
 
 @pytest.mark.parametrize(
@@ -260,7 +260,7 @@ def test_marks_of_an_editor_are_no_part_of_a_name() -> None:
     ],
 )
 def test_the_greatest_input(setting: str, command: str, what: str) -> None:
-    found = told(f'Terminator = ""; {setting}; p {{ {command}; }}')
+    found = messages_of(f'Terminator = ""; {setting}; p {{ {command}; }}')
     assert len(found) == bool(what) and what in "".join(found)
 
 
@@ -268,14 +268,14 @@ def test_the_greatest_input(setting: str, command: str, what: str) -> None:
 def test_messages_stay_short_however_long_a_name_is(size: int) -> None:
     name = "n" * size
     commands = f"shout; out '%d'; out ${name}; out '\\${{{name}}}'; wait {name}; in '%{{{name}'; " * 3
-    left_out = told(f"{name} {{ {commands} }} {name}2 {{ {name}; @init {{ {name}; }} }} {name}3 {{ out 'x'; }}")
-    wrong = told(f"{name} {{ {{ = {name} }} }} {name} {{ }} a = $b{name}; @x{name} {{ }} {name} {name};")
+    left_out = messages_of(f"{name} {{ {commands} }} {name}2 {{ {name}; @init {{ {name}; }} }} {name}3 {{ out 'x'; }}")
+    wrong = messages_of(f"{name} {{ {{ = {name} }} }} {name} {{ }} a = $b{name}; @x{name} {{ }} {name} {name};")
     assert len(left_out) > 10 and len(wrong) > 5 and max(map(len, left_out + wrong)) < 400
 
 
 def test_every_error_at_once() -> None:
     text = 'A = $nothing;\na { out "open;\n  shout "x"; }\nb { @later { } { out } }\nb { out "%q"; = 3 }\n}\n'
-    assert [one.partition(" – ")[0] for one in told(text)] == [
+    assert [one.partition(" – ")[0] for one in messages_of(text)] == [
         "x.proto:1:5: there is no variable 'nothing'",
         "x.proto:2:9: the text '\"open;' has no end",
         "x.proto:4:5: there is no handler '@later'",
@@ -284,13 +284,15 @@ def test_every_error_at_once() -> None:
         "x.proto:5:15: '=' is no command",
         "x.proto:6:1: '}' is no protocol and no setting",
     ]
-    assert told("") == ["x.proto:1:1: no protocol is in this file – write NAME { … }"]
-    assert told("message X { int32 a = 1; }")[0].startswith("x.proto:1:1: 'message' is no protocol and no setting")
+    assert messages_of("") == ["x.proto:1:1: no protocol is in this file – write NAME { … }"]
+    assert messages_of("message X { int32 a = 1; }")[0].startswith(
+        "x.proto:1:1: 'message' is no protocol and no setting"
+    )
 
 
 @pytest.mark.parametrize("text", ["p { " + "{" * 3000, "p{" * 3000, "p { out " + "${" * 3000])
 def test_blocks_inside_each_other_have_a_bound(text: str) -> None:
-    assert any("blocks stand deeper inside each other than 20 – end each with }" in one for one in told(text))
+    assert any("blocks stand deeper inside each other than 20 – end each with }" in one for one in messages_of(text))
 
 
 def test_equal_names_get_numbers() -> None:
@@ -314,7 +316,7 @@ DOUBLING = {
 
 @pytest.mark.parametrize("shape", spread(DOUBLING, 3))
 def test_what_takes_itself_over_and_over_has_a_bound(shape: str) -> None:
-    (one,) = told(f"Terminator = CR; {DOUBLING[shape]}")
+    (one,) = messages_of(f"Terminator = CR; {DOUBLING[shape]}")
     assert "all protocols together have more than" in one
 
 
@@ -363,7 +365,7 @@ def steps_of(text: str) -> int:
     before = sys.gettrace()
     sys.settrace(trace)
     try:
-        told(text)
+        messages_of(text)
     finally:
         sys.settrace(before)
     return count
@@ -420,7 +422,7 @@ def test_every_definition_that_is_made_is_a_right_one(ending: str, found: list[l
 
 @given(st.text())
 def test_any_text_ends_in_words(text: str) -> None:
-    assert told(text) != []
+    assert messages_of(text) != []
 
 
 SIGNS = "".join(map(chr, range(256)))

@@ -91,8 +91,8 @@ class Looking:
 
     def errors(self) -> list[str]:
         """Return the errors in the log of the browser, without those of lost connections."""
-        told = [str(line["message"]) for line in self.driver.get_log("browser") if line["level"] == "SEVERE"]
-        return [line for line in told if "favicon" not in line and "WebSocket connection" not in line]
+        messages = [str(line["message"]) for line in self.driver.get_log("browser") if line["level"] == "SEVERE"]
+        return [line for line in messages if "favicon" not in line and "WebSocket connection" not in line]
 
 
 @contextmanager
@@ -117,15 +117,15 @@ def program(folder: Path, *words: str, **environment: str) -> Iterator[tuple[str
     command = [sys.executable, "-m", "framekit", *words, "--web", "0", "--json"]
     with subprocess.Popen(
         command, cwd=folder, env=os.environ | environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as there:
+    ) as process:
         try:
-            assert there.stdout is not None
-            told = json.loads(there.stdout.readline())
-            threading.Thread(target=there.stdout.read, daemon=True).start()  # a full pipe would stop the program
-            yield told["url"], told.get("token", "")
+            assert process.stdout is not None
+            event = json.loads(process.stdout.readline())
+            threading.Thread(target=process.stdout.read, daemon=True).start()  # a full pipe would stop the program
+            yield event["url"], event.get("token", "")
         finally:
-            there.send_signal(signal.SIGINT)
-            there.wait(timeout=60)
-        assert there.stderr is not None
-        trouble = there.stderr.read()
-    assert (there.returncode, trouble) == (0, "")
+            process.send_signal(signal.SIGINT)
+            process.wait(timeout=60)
+        assert process.stderr is not None
+        trouble = process.stderr.read()
+    assert (process.returncode, trouble) == (0, "")

@@ -46,6 +46,6 @@ def session_of(place: Path, token: str = TOKEN) -> EditSession:
     return session
 
 
-def asked(do: str, path: Path, text: str | None = None, **given: Any) -> dict[str, Any]:
+def answer_of(do: str, path: Path, text: str | None = None, **given: Any) -> dict[str, Any]:
     """Return the answer of a work process about a text, computed in this process."""
     return answer({"do": do, "path": str(path), "text": path.read_text("utf-8") if text is None else text, **given})

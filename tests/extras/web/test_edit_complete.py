@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from extras.web.edit_world import LAMP, asked, written
+from extras.web.edit_world import LAMP, answer_of, written
 
 SEQUENCE = """
 sequences:
@@ -23,7 +23,7 @@ sequences:
 def offered(path: Path, text: str) -> list[str]:
     """Return the words offered at the sign § in a text."""
     before, _, after = text.partition("§")
-    found = asked("complete", path, before + after, offset=len(before.encode("utf-16-le")) // 2)
+    found = answer_of("complete", path, before + after, offset=len(before.encode("utf-16-le")) // 2)
     return [word for word, _, _ in found["words"]]
 
 
@@ -60,7 +60,7 @@ def test_words_of_the_schemas(lamp: Path, text: str, first: list[str], without: 
 
 def test_what_a_word_means_and_inserts(lamp: Path) -> None:
     text = "protocol: a\nframes:\n  A:\n    fro"
-    found = asked("complete", lamp, text, offset=len(text))
+    found = answer_of("complete", lamp, text, offset=len(text))
     assert found == {
         "from": len(text) - 3, "words": [["from", "Who sends it: client, server, both, or none.", "from: "]]
     }  # fmt: skip

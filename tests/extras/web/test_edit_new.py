@@ -11,19 +11,19 @@ import yaml
 
 pytest.importorskip("starlette")
 
-from extras.web.edit_world import LAMP, TOKEN, asked, session_of, written
-from extras.web.test_edit_sessions import told
+from extras.web.edit_world import LAMP, TOKEN, answer_of, session_of, written
+from extras.web.test_edit_sessions import answers_to
 
 from framekit.api.check import check_file
 from framekit.extras.web.edit_files import EditedFolder, EditRefusedError
 
 KINDS = ("device", "run", "points")
-SHIPPED = asked("known", Path("x.yaml"), "")["known"]
+SHIPPED = answer_of("known", Path("x.yaml"), "")["known"]
 
 
 def made(folder: Path, kind: str, name: str, of: str = "") -> Path:
     """Write a new file."""
-    found = asked("new", folder / "x", "", kind=kind, name=name, of=of)
+    found = answer_of("new", folder / "x", "", kind=kind, name=name, of=of)
     path = folder / str(found["name"])
     path.write_text(found["text"], "utf-8")
     return path
@@ -54,7 +54,7 @@ def test_new_files_of_every_protocol_have_no_errors(tmp_path: Path, protocol: st
 def sound(folder: Path, protocol: str) -> None:
     """Assert that new files of each kind have no problems."""
     for kind in KINDS:
-        found = asked("new", folder / "x", "", kind=kind, name=f"a-{kind}", of=protocol)
+        found = answer_of("new", folder / "x", "", kind=kind, name=f"a-{kind}", of=protocol)
         if kind == "points" and "why" in found:
             assert found["why"].startswith(f"'{protocol}' has no addresses of values")
             continue
@@ -68,7 +68,7 @@ def sound(folder: Path, protocol: str) -> None:
 def test_a_run_of_a_new_device_can_be_tried(tmp_path: Path) -> None:
     made(tmp_path, "device", "meter", "modbus-tcp")
     run = made(tmp_path, "run", "plant", "meter.device.yaml")
-    found = asked("trial", run, service="", address="", values="", station="")
+    found = answer_of("trial", run, service="", address="", values="", station="")
     assert "exchanges done" in found["result"] and len(found["frames"]) > 4
 
 
@@ -93,7 +93,7 @@ def test_a_run_of_a_new_device_can_be_tried(tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_what_cannot_be_made_is_refused_in_words(tmp_path: Path, kind: str, name: str, of: str, why: str) -> None:
-    assert asked("new", tmp_path / "x", "", kind=kind, name=name, of=of)["why"].startswith(why)
+    assert answer_of("new", tmp_path / "x", "", kind=kind, name=name, of=of)["why"].startswith(why)
 
 
 def test_a_file_outside_the_folder_gives_neither_values_nor_words(
@@ -108,7 +108,7 @@ def test_a_file_outside_the_folder_gives_neither_values_nor_words(
     (work / "linked.device.yaml").symlink_to(device)
     names = ("../sec.device.yaml", str(device), "linked.device.yaml", "sec.device.yaml", "sec.device", "../secret")
     for of in (*names, str(secret), "secret"):
-        found = asked("new", work / "x", "", kind="run", name="a", of=of)
+        found = answer_of("new", work / "x", "", kind="run", name="a", of=of)
         assert "text" not in found and "password" not in found["why"], of
 
 
@@ -139,7 +139,7 @@ def test_a_run_without_addresses_has_a_memory_of_no_product(tmp_path: Path) -> N
 
 def test_a_single_file_is_edited_without_a_look_at_its_neighbours(tmp_path: Path) -> None:
     written(tmp_path, "password: hunter2\n", "secret.yaml")
-    (answer,) = told(session_of(written(tmp_path)), {"new": "run", "name": "a", "of": "secret.yaml", "id": 1})
+    (answer,) = answers_to(session_of(written(tmp_path)), {"new": "run", "name": "a", "of": "secret.yaml", "id": 1})
     assert answer["done"] == 1 and "cannot be made here" in answer["why"]
 
 
@@ -170,12 +170,12 @@ def test_a_failed_write_leaves_no_file(tmp_path: Path) -> None:
 
 def test_only_the_token_makes_a_file(tmp_path: Path) -> None:
     new = {"new": "device", "name": "meter", "of": "modbus-tcp", "id": 1}
-    (refused,) = told(session_of(tmp_path, "a-wrong-token"), new)
+    (refused,) = answers_to(session_of(tmp_path, "a-wrong-token"), new)
     assert refused == {"done": 1, "why": "only with the token"} and list(tmp_path.iterdir()) == []
-    made_one, opened = told(session_of(tmp_path), new, {"open": "meter.device.yaml"})
+    made_one, opened = answers_to(session_of(tmp_path), new, {"open": "meter.device.yaml"})
     assert made_one == {"done": 1, "made": "meter.device.yaml", "files": ["meter.device.yaml"]}
     assert opened["text"] == (tmp_path / "meter.device.yaml").read_text("utf-8")
-    (again,) = told(session_of(tmp_path), new)
+    (again,) = answers_to(session_of(tmp_path), new)
     assert again["why"] == "meter.device.yaml exists already – open it, or choose another name"
 
 

@@ -28,7 +28,7 @@ from framekit.extras.web.server import PageApp
 HOME, LIVE = "http://127.0.0.1:8040", "ws://127.0.0.1:8040/live"
 
 
-def told(session: EditSession, *messages: dict[str, Any]) -> list[dict[str, Any]]:
+def answers_to(session: EditSession, *messages: dict[str, Any]) -> list[dict[str, Any]]:
     """Return the answers to messages; the processes end with them."""
 
     async def every() -> list[dict[str, Any]]:
@@ -109,9 +109,9 @@ def test_a_file_that_changed_meanwhile_is_not_saved(tmp_path: Path) -> None:
 def test_a_change_by_another_program_is_reported_once(tmp_path: Path) -> None:
     path, session = written(tmp_path), session_of(tmp_path)
     assert list(session.news()) == []
-    (opened,) = told(session, {"open": "lamp.yaml"})
+    (opened,) = answers_to(session, {"open": "lamp.yaml"})
     assert list(session.news()) == []
-    (saved,) = told(session, {"save": LAMP + "#", "file": "lamp.yaml", "digest": opened["digest"], "id": 1})
+    (saved,) = answers_to(session, {"save": LAMP + "#", "file": "lamp.yaml", "digest": opened["digest"], "id": 1})
     assert "why" not in saved and list(session.news()) == []
     path.write_text(LAMP + "# other", "utf-8")
     assert list(session.news()) == [{"outside": "lamp.yaml"}]
@@ -125,14 +125,14 @@ def test_a_change_by_another_program_is_reported_once(tmp_path: Path) -> None:
 )  # fmt: skip
 def test_what_cannot_be_edited_is_not_opened(tmp_path: Path, content: bytes, why: str) -> None:
     (tmp_path / "a.yaml").write_bytes(content)
-    (answer,) = told(session_of(tmp_path), {"open": "a.yaml"})
+    (answer,) = answers_to(session_of(tmp_path), {"open": "a.yaml"})
     assert answer["opened"] is None and why in answer["why"]
 
 
 def test_with_the_token_a_text_is_examined_and_saved(tmp_path: Path) -> None:
     path, session = written(tmp_path), session_of(tmp_path)
     changed = LAMP.replace("u16", "u88")
-    opened, checked, read, again = told(
+    opened, checked, read, again = answers_to(
         session,
         {"open": "lamp.yaml"},
         {"text": changed, "file": "lamp.yaml", "number": 7},
@@ -143,7 +143,7 @@ def test_with_the_token_a_text_is_examined_and_saved(tmp_path: Path) -> None:
     assert (checked["checked"], checked["problems"][0][0]) == (7, 10)
     assert read == {"decoded": "02", "why": "Correct the definition first"}
     assert [one["name"] for one in again["protocols"]] == ["lamp"]
-    saved, stale = told(
+    saved, stale = answers_to(
         session,
         {"save": changed, "file": "lamp.yaml", "digest": opened["digest"], "id": 1},
         {"save": LAMP, "file": "lamp.yaml", "digest": opened["digest"], "id": 2},
@@ -155,7 +155,7 @@ def test_with_the_token_a_text_is_examined_and_saved(tmp_path: Path) -> None:
 
 def test_without_the_token_only_the_file_itself_is_examined(tmp_path: Path) -> None:
     path, session = written(tmp_path), session_of(tmp_path, token="another")
-    opened, as_it_is, changed, saved = told(
+    opened, as_it_is, changed, saved = answers_to(
         session,
         {"open": "lamp.yaml"},
         {"text": LAMP, "file": "lamp.yaml", "number": 1},
@@ -174,12 +174,12 @@ def test_words_and_cells_are_for_those_with_the_token(tmp_path: Path) -> None:
     words = {"complete": "run: a\nblo", "offset": 10, "file": "a.run.yaml"}
     cell = {"cell": text, "number": 1, "where": ["blocks"], "row": "0", "key": "read", "old": "read", "value": "M2"}
     row = {"cell": text, "number": 2, "where": ["blocks"], "row": "7", "remove": True}
-    _, offered, changed, removed = told(session_of(tmp_path), {"open": "a.run.yaml"}, words, cell, row)
+    _, offered, changed, removed = answers_to(session_of(tmp_path), {"open": "a.run.yaml"}, words, cell, row)
     assert (offered["from"], offered["words"][0][0]) == (7, "blocks")
     ((begin, end, inserted),) = changed["edits"]
     assert (text[begin:end], inserted) == ("M1", "M2")
     assert removed == {"cell": 2, "why": "the table has no row '7'"}
-    _, offered, changed = told(session_of(tmp_path, token="another"), {"open": "a.run.yaml"}, words, cell)
+    _, offered, changed = answers_to(session_of(tmp_path, token="another"), {"open": "a.run.yaml"}, words, cell)
     assert offered["words"] == [] and changed == {"cell": 1, "why": "only with the token"}
 
 
@@ -197,14 +197,14 @@ def test_words_and_cells_are_for_those_with_the_token(tmp_path: Path) -> None:
 def test_other_messages_are_refused(tmp_path: Path, message: Any) -> None:
     written(tmp_path)
     session = session_of(tmp_path)
-    told(session, {"open": "lamp.yaml"})
+    answers_to(session, {"open": "lamp.yaml"})
     with pytest.raises(ValueError, match="this is no message"):
-        told(session, message)
+        answers_to(session, message)
 
 
 def test_nothing_is_examined_before_a_file_is_open(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="this is no message"):
-        told(session_of(tmp_path), {"hex": "02", "protocol": "lamp"})
+        answers_to(session_of(tmp_path), {"hex": "02", "protocol": "lamp"})
 
 
 def test_another_page_or_name_is_not_let_in(tmp_path: Path) -> None:
@@ -216,15 +216,15 @@ def test_another_page_or_name_is_not_let_in(tmp_path: Path) -> None:
     for headers in ({"origin": "http://evil.example"}, {"host": "evil.example"}):
         with pytest.raises(WebSocketDisconnect), client.websocket_connect(LIVE, headers=headers):
             pass
-    with client.websocket_connect(LIVE, headers={"origin": HOME}) as there:
-        hello = there.receive_json()
+    with client.websocket_connect(LIVE, headers={"origin": HOME}) as socket:
+        hello = socket.receive_json()
         assert (hello["files"], hello["first"]) == (["lamp.yaml"], "lamp.yaml")
-        there.send_json({"save": "x", "file": "lamp.yaml", "digest": "", "id": 1})
-        assert there.receive_json() == {"done": 1, "why": "only with the token"}
-        there.send_json({"token": TOKEN})
-        assert there.receive_json() == {"may": True}
-        there.send_json({"save": "x", "file": "../lamp.yaml", "digest": "", "id": 2})
-        assert "no YAML file of this folder" in there.receive_json()["why"]
+        socket.send_json({"save": "x", "file": "lamp.yaml", "digest": "", "id": 1})
+        assert socket.receive_json() == {"done": 1, "why": "only with the token"}
+        socket.send_json({"token": TOKEN})
+        assert socket.receive_json() == {"may": True}
+        socket.send_json({"save": "x", "file": "../lamp.yaml", "digest": "", "id": 2})
+        assert "no YAML file of this folder" in socket.receive_json()["why"]
 
 
 def test_without_the_extra_the_verb_says_how_to_install_it(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
-from extras.web.edit_world import LAMP, asked, written
+from extras.web.edit_world import LAMP, answer_of, written
 
 from framekit.api.codec import load
 from framekit.definition.sources import shipped_definitions
@@ -76,6 +76,6 @@ def test_every_shipped_sequence_is_drawn() -> None:
 
 def test_the_page_gets_the_pictures(tmp_path: Path) -> None:
     text = LAMP + "sequences:\n  ask:\n    steps:\n      - {step: first, send: {SWITCH: {station: 1, level: 2}}}\n"
-    found = asked("look", written(tmp_path, text))
+    found = answer_of("look", written(tmp_path, text))
     ((name, svg),) = found["protocols"][0]["sequences"]
     assert name == "ask" and ElementTree.fromstring(svg).get("class") == "states"

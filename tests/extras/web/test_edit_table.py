@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from extras.web.edit_world import asked, written
+from extras.web.edit_world import answer_of, written
 
 RUN = """# the plant
 run: plant   # a name
@@ -46,15 +46,15 @@ def applied(text: str, answer: dict[str, Any]) -> str:
 
 
 def changed(path: Path, row: str, key: str, value: str, old: str = "", *, text: str = RUN, where: Any = BLOCKS) -> str:
-    return applied(text, asked("change", path, text, where=where, row=row, key=key, old=old, value=value))
+    return applied(text, answer_of("change", path, text, where=where, row=row, key=key, old=old, value=value))
 
 
 def refused(path: Path, row: str, key: str, value: str, old: str = "", *, text: str = RUN, where: Any = BLOCKS) -> str:
-    return str(asked("change", path, text, where=where, row=row, key=key, old=old, value=value)["why"])
+    return str(answer_of("change", path, text, where=where, row=row, key=key, old=old, value=value)["why"])
 
 
 def test_rows_of_blocks_and_points(path: Path) -> None:
-    blocks, points = asked("look", path)["tables"]
+    blocks, points = answer_of("look", path)["tables"]
     assert (blocks["where"], points["where"]) == (["blocks"], ["points"])
     titles = [title for title, _ in blocks["columns"]]
     first, second, third = blocks["rows"]
@@ -129,11 +129,11 @@ def test_points_of_a_file_and_of_a_set(path: Path, tmp_path: Path) -> None:
 
 
 def test_a_row_is_removed_with_its_line(path: Path) -> None:
-    answer = asked("remove", path, where=BLOCKS, row="1")
+    answer = answer_of("remove", path, where=BLOCKS, row="1")
     begin, end = RUN.index("  1:\n    write"), RUN.index("\n  # the last one")
     assert applied(RUN, answer) == RUN[:begin] + RUN[end:]
-    assert "no row '7'" in asked("remove", path, where=BLOCKS, row="7")["why"]
-    assert "last row" in asked("remove", path, where=["points"], row="level")["why"]
+    assert "no row '7'" in answer_of("remove", path, where=BLOCKS, row="7")["why"]
+    assert "last row" in answer_of("remove", path, where=["points"], row="level")["why"]
 
 
 def test_what_a_table_cannot_write_is_refused(path: Path) -> None:
@@ -153,11 +153,11 @@ def test_hostile_values_change_nothing_else(path: Path) -> None:
     values = ["}", "a, b: c", "'", '"', "&a", "*a", "!x", "|", ">", "- a", "? a", "%", "@x", "`x", "#", "a #b", "a: b",
               "{a: 1}", "{a: 1}, b: 2", "[1], x: 2", "~", "\\", "\u2028", "😀", "null", "0x10", "a  b"]  # fmt: skip
     for value in values:
-        answer = asked("change", path, where=BLOCKS, row="0", key="into", old="into", value=value)
+        answer = answer_of("change", path, where=BLOCKS, row="0", key="into", old="into", value=value)
         if "why" in answer:
             continue
         text = applied(RUN, answer)
-        found = next(one for one in asked("look", path, text)["tables"] if one["where"] == BLOCKS)
+        found = next(one for one in answer_of("look", path, text)["tables"] if one["where"] == BLOCKS)
         assert len(found["rows"]) == 3
         cells = found["rows"][0]["cells"]
         assert cells[4][:2] == ["into", value]
@@ -170,10 +170,10 @@ def test_many_changes_in_a_row_keep_every_comment(path: Path) -> None:
     for number in range(60):
         row, key = random_.choice("0123"), random_.choice(keys)
         value = random_.choice(["", "1", "[MW1, MW2]", "a, b", "%MW4"])
-        rows = next(one for one in asked("look", path, text)["tables"] if one["where"] == BLOCKS)["rows"]
+        rows = next(one for one in answer_of("look", path, text)["tables"] if one["where"] == BLOCKS)["rows"]
         present = {cell[0] for one in rows if one["name"] == row for cell in one["cells"]}
         old = key if key in present else ""
-        answer = asked("change", path, text, where=BLOCKS, row=row, key=key, old=old, value=value)
+        answer = answer_of("change", path, text, where=BLOCKS, row=row, key=key, old=old, value=value)
         if "why" not in answer:
             text = applied(text, answer)
         for comment in (

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from extras.web.edit_world import asked, session_of, written
+from extras.web.edit_world import answer_of, session_of, written
 
 DEVICE = "device: meter\nprotocol: modbus-rtu\nstation: 3\nmemory: {set: {'40001': [7, 8]}}\n"
 RUN = """run: plant
@@ -23,8 +23,8 @@ points: {level: {channel: 1, address: "40001"}}
 """
 
 
-def tried(path: Path, **given: str) -> dict[str, Any]:
-    return asked("trial", path, **{"service": "read", "address": "", "values": "", "station": "", **given})
+def trial_of(path: Path, **given: str) -> dict[str, Any]:
+    return answer_of("trial", path, **{"service": "read", "address": "", "values": "", "station": "", **given})
 
 
 @pytest.fixture
@@ -33,10 +33,10 @@ def device(tmp_path: Path) -> Path:
 
 
 def test_a_read_shows_both_frames_and_the_values(device: Path) -> None:
-    offer = asked("offer", device)
+    offer = answer_of("offer", device)
     assert (offer["address"], offer["station"]) == ("00001", "3")
     assert "read" in [name for name, _ in offer["services"]]
-    found = tried(device, address="40001")
+    found = trial_of(device, address="40001")
     assert found["result"] == "Done · values 7"
     request, reply = found["frames"]
     assert (request[1:4], reply[1:3]) == (["out", "read_holding", "03030000000185e8"], ["in", "read_holding_reply"])
@@ -45,12 +45,12 @@ def test_a_read_shows_both_frames_and_the_values(device: Path) -> None:
 
 
 def test_a_write_changes_the_memory_of_this_trial_only(device: Path) -> None:
-    assert tried(device, service="write", address="40001", values="5 0x10")["result"] == "Done"
-    assert tried(device, address="40001")["result"] == "Done · values 7"
+    assert trial_of(device, service="write", address="40001", values="5 0x10")["result"] == "Done"
+    assert trial_of(device, address="40001")["result"] == "Done · values 7"
 
 
 def test_silence_is_a_result(device: Path) -> None:
-    found = tried(device, address="40001", station="5")
+    found = trial_of(device, address="40001", station="5")
     assert "no_reply" in found["result"]
     assert [frame[1] for frame in found["frames"]] == ["out"] * len(found["frames"])
 
@@ -66,21 +66,21 @@ def test_silence_is_a_result(device: Path) -> None:
     ],
 )
 def test_an_impossible_request_says_why(device: Path, given: dict[str, str], why: str) -> None:
-    assert why in tried(device, **given)["why"]
+    assert why in trial_of(device, **given)["why"]
 
 
 def test_a_protocol_is_tried_as_its_text_says(tmp_path: Path) -> None:
     path = written(tmp_path, "protocol: mine\nextends: modbus-tcp\n", "mine.yaml")
-    assert tried(path, address="40001", station="1")["result"] == "Done · values 0"
+    assert trial_of(path, address="40001", station="1")["result"] == "Done · values 0"
     given = {"service": "read", "address": "40001", "values": "", "station": ""}
-    found = asked("trial", path, "protocol: mine\nextends: modbus-tcp\nfrmaes: {}\n", **given)
+    found = answer_of("trial", path, "protocol: mine\nextends: modbus-tcp\nfrmaes: {}\n", **given)
     assert "unknown key 'frmaes'" in found["why"]
 
 
 def test_a_run_is_tried_without_its_sinks_and_its_state(device: Path, tmp_path: Path) -> None:
     run = written(tmp_path, RUN, "plant.run.yaml")
-    assert asked("offer", run) == {"services": [], "run": "5 s"}
-    found = tried(run)
+    assert answer_of("offer", run) == {"services": [], "run": "5 s"}
+    found = trial_of(run)
     assert "exchanges done, failed: " in found["result"]
     assert {frame[1] for frame in found["frames"]} == {"in", "out"}
     assert sorted(path.name for path in tmp_path.iterdir()) == ["meter.device.yaml", "plant.run.yaml"]
@@ -88,14 +88,14 @@ def test_a_run_is_tried_without_its_sinks_and_its_state(device: Path, tmp_path: 
 
 def test_a_run_with_a_real_port_is_not_tried(device: Path, tmp_path: Path) -> None:
     real = RUN.replace("sim:meter.device.yaml", "tcp://127.0.0.1:9").replace("modbus-rtu", "modbus-tcp")
-    assert "real port" in tried(written(tmp_path, real, "plant.run.yaml"))["why"]
+    assert "real port" in trial_of(written(tmp_path, real, "plant.run.yaml"))["why"]
 
 
 def test_a_file_without_services_says_so(tmp_path: Path) -> None:
     path = written(tmp_path)
-    assert "no services" in asked("offer", path)["why"]
+    assert "no services" in answer_of("offer", path)["why"]
     points = written(tmp_path, "points: a\nvalues: {x: {address: M1}}\n", "a.points.yaml")
-    assert "name a protocol or a device file" in asked("offer", points)["why"]
+    assert "name a protocol or a device file" in answer_of("offer", points)["why"]
 
 
 def test_a_browser_tries(device: Path) -> None:

@@ -58,8 +58,8 @@ def test_a_dead_station_is_named_on_its_card_and_as_a_notice(tmp_path: Path) -> 
     (notice,) = page.board.notices
     assert notice.text.startswith("channel 1") and "3 points without a good value" in notice.text
     session = page.session()
-    told = [message["notices"] for message in session.news() if "notices" in message]
-    assert [one[1] for one in told[0]] == [notice.text]
+    notices = [message["notices"] for message in session.news() if "notices" in message]
+    assert [one[1] for one in notices[0]] == [notice.text]
     assert not any("notices" in message for message in session.news())
 
 

@@ -102,15 +102,15 @@ def test_another_name_or_page_is_not_let_in(app: PageApp) -> None:
 
 def test_a_browser_is_served(app: PageApp) -> None:
     client = TestClient(app.app, base_url=HOME)
-    with client.websocket_connect(LIVE, headers={"origin": HOME}) as there:
-        browser = Browser(there.receive_json())
+    with client.websocket_connect(LIVE, headers={"origin": HOME}) as socket:
+        browser = Browser(socket.receive_json())
         while not browser.frames:
-            browser.take([there.receive_json()])
+            browser.take([socket.receive_json()])
         assert browser.values["level"][0] == "2"
-        there.send_json({"token": TOKEN})
-        assert there.receive_json() == {"may": True}
-        there.send_json({"do": "disable 1", "id": 5})
-        assert there.receive_json() == {"done": 5}
+        socket.send_json({"token": TOKEN})
+        assert socket.receive_json() == {"may": True}
+        socket.send_json({"do": "disable 1", "id": 5})
+        assert socket.receive_json() == {"done": 5}
         assert app.browsers.total() == 1
     assert not app.browsers
 
@@ -118,13 +118,13 @@ def test_a_browser_is_served(app: PageApp) -> None:
 @pytest.mark.parametrize("told", ["no json", "[" * 100_000, "[]"])
 def test_nonsense_ends_the_connection_or_is_refused(app: PageApp, told: str) -> None:
     client = TestClient(app.app, base_url=HOME)
-    with client.websocket_connect(LIVE) as there:
-        browser = Browser(there.receive_json())
+    with client.websocket_connect(LIVE) as socket:
+        browser = Browser(socket.receive_json())
         while not browser.frames:
-            browser.take([there.receive_json()])
-        there.send_text(told)
+            browser.take([socket.receive_json()])
+        socket.send_text(told)
         try:
-            assert there.receive_json() == {"trouble": "this is no message"}
+            assert socket.receive_json() == {"trouble": "this is no message"}
         except WebSocketDisconnect as end:
             assert end.code == 1008
     assert not app.browsers
@@ -133,14 +133,14 @@ def test_nonsense_ends_the_connection_or_is_refused(app: PageApp, told: str) -> 
 def test_wrong_tokens_end_the_connection(app: PageApp, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(server_module, "AFTER_WRONG", 0)
     client = TestClient(app.app, base_url=HOME)
-    with client.websocket_connect(LIVE) as there, pytest.raises(WebSocketDisconnect):
+    with client.websocket_connect(LIVE) as socket, pytest.raises(WebSocketDisconnect):
         for number in range(server_module.MOST_WRONG + 1):
-            there.send_json({"token": f"wrong {number}"})
+            socket.send_json({"token": f"wrong {number}"})
         while True:
-            there.receive_json()
+            socket.receive_json()
 
 
-class Noted:
+class RecordingSocket:
     """The socket of a browser that records the texts sent to it."""
 
     def __init__(self) -> None:
@@ -157,7 +157,7 @@ def browser_at(page: Page, socket: Any) -> server_module.Browser:
 
 def test_texts_of_devices_have_their_marks_as_escapes(page: Page) -> None:
     texts = {"a\u202ebc\u2066": ["\u200f", "\x1b[2J", "\ud800", {"b": "line\nend\ttab"}, "😀 é \\u202e", None, 1.5]}
-    socket = Noted()
+    socket = RecordingSocket()
     browser = browser_at(page, socket)
     asyncio.run(browser._send(texts))
     assert json.loads(socket.texts[0]) == {
@@ -306,10 +306,10 @@ def test_a_point_is_written_over_the_line_and_refused_out_of_range(
             session = server.page.boards[""].session(server.access, "test:1")
             while run.points["limit"].quality != "good":
                 await run.next_end()
-            told: list[dict[str, object]] = [{"token": TOKEN}]
-            told += [{"write": 2, "value": value, "id": 1} for value in ("7", "11", "warm")]
-            told += [{"write": 1, "value": "off", "id": 2}, {"write": 0, "value": "1", "id": 3}]
-            found = [await session.answer(one) or {} for one in told]
+            messages: list[dict[str, object]] = [{"token": TOKEN}]
+            messages += [{"write": 2, "value": value, "id": 1} for value in ("7", "11", "warm")]
+            messages += [{"write": 1, "value": "off", "id": 2}, {"write": 0, "value": "1", "id": 3}]
+            found = [await session.answer(one) or {} for one in messages]
             assert run.device("meter")["40003"] == 7
             assert run.device("meter")["40002"] == 0
         await server.end()
@@ -371,8 +371,8 @@ def test_the_address_is_free_when_it_has_ended(tmp_path: Path) -> None:
             run.stop()
             writer.close()
 
-    with socket.create_server(("127.0.0.1", 0)) as there:
-        port = there.getsockname()[1]
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port = listener.getsockname()[1]
     asyncio.run(drive())
 
 
@@ -380,8 +380,8 @@ def test_the_address_is_free_when_it_has_ended(tmp_path: Path) -> None:
 
 
 def test_an_address_in_use_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as there:
-        place = f"127.0.0.1:{there.getsockname()[1]}"
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        place = f"127.0.0.1:{listener.getsockname()[1]}"
         assert main(["run", str(written(tmp_path)), "--web", place, "--for", "1s"]) == 1
     assert capsys.readouterr().err == (
         f"framekit run: --web {place}: the address is in use – end what is there, or give another port, such as 0 "
@@ -432,10 +432,10 @@ def test_a_run_with_its_page_ends_by_a_signal(tmp_path: Path) -> None:
     words = [sys.executable, "-m", "framekit", "run", str(written(tmp_path)), "--web", "0", "--json"]
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
         assert run.stdout is not None
-        told = json.loads(run.stdout.readline())
-        assert told["event"] == "web"
-        assert len(told["token"]) >= 32
-        address = re.match(r"http://127\.0\.0\.1:(\d+)/$", told["url"])
+        event = json.loads(run.stdout.readline())
+        assert event["event"] == "web"
+        assert len(event["token"]) >= 32
+        address = re.match(r"http://127\.0\.0\.1:(\d+)/$", event["url"])
         assert address is not None
         with socket.create_connection(("127.0.0.1", int(address[1]))):
             run.send_signal(signal.SIGINT)
@@ -455,17 +455,17 @@ def test_a_failure_ends_the_connection_and_is_logged(
 
     monkeypatch.setattr(WebSession, method, fails)
     client = TestClient(app.app, base_url=HOME)
-    with client.websocket_connect(LIVE) as there:
-        there.send_json({"pause": True})
+    with client.websocket_connect(LIVE) as socket:
+        socket.send_json({"pause": True})
         with pytest.raises(WebSocketDisconnect) as end:
             while True:
-                there.receive_json()
+                socket.receive_json()
     assert end.value.code == 1011
     assert not app.browsers
     assert "is not served any more" in caplog.text and "a defect" in caplog.text
     monkeypatch.undo()
-    with client.websocket_connect(LIVE) as there:
-        assert "points" in there.receive_json(), "the page connects again"
+    with client.websocket_connect(LIVE) as socket:
+        assert "points" in socket.receive_json(), "the page connects again"
 
 
 def test_a_browser_that_takes_nothing_is_disconnected(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -63,8 +63,8 @@ def test_each_page_has_its_address_and_links_to_the_others(tmp_path: Path) -> No
     assert client.get("/").text == client.get("/devices").text
     assert [client.get(path).status_code for path in ("/guess", "/live/devices", "/devices/x")] == [404] * 3
     for path, title in (("", "run plant"), ("/devices", "devices of plant")):
-        with client.websocket_connect(f"{HOME.replace('http', 'ws')}/live{path}") as there:
-            hello = there.receive_json()
+        with client.websocket_connect(f"{HOME.replace('http', 'ws')}/live{path}") as socket:
+            hello = socket.receive_json()
         assert (hello["hello"], hello["pages"]) == (title, [["", "Run"], ["devices", "Devices"]])
     with pytest.raises(WebSocketDisconnect), client.websocket_connect(f"{HOME.replace('http', 'ws')}/live/guess"):
         raise AssertionError
@@ -75,12 +75,12 @@ def test_a_page_that_is_replaced_connects_again(tmp_path: Path) -> None:
     app = PageApp(Access(TOKEN))
     app.show(pages.of_run, pages.of_devices)
     client = TestClient(app.app, base_url=HOME)
-    with client.websocket_connect(f"{HOME.replace('http', 'ws')}/live/devices") as there:
-        there.receive_json()
+    with client.websocket_connect(f"{HOME.replace('http', 'ws')}/live/devices") as socket:
+        socket.receive_json()
         app.show(pages.of_run, WebBoard(shown_devices(pages.run, pages.view)))
         with pytest.raises(WebSocketDisconnect) as ended:
             while True:
-                there.receive_json()
+                socket.receive_json()
     assert ended.value.code == 1011
 
 

@@ -41,8 +41,8 @@ def test_a_browser_gets_everything_and_then_what_has_changed(page: Page) -> None
     assert browser.frames
     assert list(session.news()) == []
     page.run.run_for("1 s")
-    told = browser.take(session.news())
-    values = next(message["values"] for message in told if "values" in message)
+    messages = browser.take(session.news())
+    values = next(message["values"] for message in messages if "values" in message)
     assert {browser.points[at] for at in values} == {"level"}
     assert browser.values["level"][0] == "3"
     page.run.enable_channel(1, False)
@@ -57,10 +57,10 @@ def test_a_slow_browser_loses_what_came_in_between_and_has_the_same_picture(page
     for _ in range(30):
         page.run.run_for("1 s")
         seen[1].take(quick.news())
-    told = seen[0].take(slow.news())
+    messages = seen[0].take(slow.news())
     assert seen[0].values == seen[1].values
     assert seen[0].tables == seen[1].tables
-    assert len(told) <= 8
+    assert len(messages) <= 8
     page.run.run_for("100 s")
     later = [message for message in slow.news() if "frames" in message]
     assert len(later[0]["frames"]) == board.MOST_FRAMES
@@ -72,8 +72,8 @@ def test_messages_are_of_bounded_size(page: Page, monkeypatch: pytest.MonkeyPatc
     page.run.run_for("2 s")
     session = page.session()
     browser = Browser(session.hello())
-    told = browser.take(session.news())
-    assert all(len(message.get("values", message.get("rows", ()))) <= 1 for message in told)
+    messages = browser.take(session.news())
+    assert all(len(message.get("values", message.get("rows", ()))) <= 1 for message in messages)
     assert set(browser.values) == set(browser.points)
     assert list(browser.tables["blocks"]) == ["0", "1"]
 

@@ -81,13 +81,13 @@ def test_every_kind_of_segment(case: Case, tmp_path: Path) -> None:
 def test_drawn_definitions(seed: int, tmp_path: Path) -> None:
     drawn, random, found = DrawnDefinition(seed, alike=bool(seed % 2)), Random(seed), Trial()
     try:
-        tried = DefinitionTrial(drawn.text, drawn.values, seed)
+        trial = DefinitionTrial(drawn.text, drawn.values, seed)
     except DefinitionError:
         return  # many definitions are refused; the tests of both compilers try them
-    data = tried.built()
+    data = trial.built()
     if data:
         frames = [data, *filter(None, (damaged(data, random) for _ in range(5))), data]
-        compare(tried.protocol, base_context(tried.protocol), frames, tmp_path, found, good=1)
+        compare(trial.protocol, base_context(trial.protocol), frames, tmp_path, found, good=1)
     assert found.differences == []
 
 
@@ -165,7 +165,7 @@ def test_what_cannot_be_said_is_shown_as_bytes(tmp_path: Path) -> None:
 # ---- streams ------------------------------------------------------------------------------------------------
 
 
-def told(packets: list[Packet], prefix: str) -> list[tuple[list[str], dict[str, str]]]:
+def cross_references(packets: list[Packet], prefix: str) -> list[tuple[list[str], dict[str, str]]]:
     """Return the frames of each packet, and the fields that refer to other packets."""
     names = ("request_in", "response_in", "time")
     return [
@@ -190,7 +190,7 @@ def test_frames_in_segments_of_tcp_and_the_request_of_a_reply(tmp_path: Path) ->
     ]  # fmt: skip
     tcp_capture(capture, 502, segments)
     found = packets_of(run(script, capture, "-2", "-T", "pdml"), "fk_modbus_tcp")
-    assert told(found, "fk_modbus_tcp") == [
+    assert cross_references(found, "fk_modbus_tcp") == [
         ([], {}),
         ([], {}),
         (["request_adu"], {"response_in": "4"}),
@@ -244,7 +244,7 @@ def test_a_serial_line_in_pieces_and_who_sends_what(tmp_path: Path) -> None:
     lines = [LineEvent("data", SECOND + at * 1_000_000, way, data) for way, at, data in pieces]
     capture.write_bytes(GLOBAL_HEADER + b"".join(map(records.of, lines)))
     found = packets_of(run(script, capture, "-2", "-T", "pdml"), "fk_modbus_rtu")
-    assert told(found, "fk_modbus_rtu") == [
+    assert cross_references(found, "fk_modbus_rtu") == [
         ([], {}),
         (["request_adu"], {"response_in": "4"}),
         ([], {}),
