@@ -45,7 +45,7 @@ def test_every_reply_has_what_the_device_held(link: Link, watched: bool) -> None
             change()
 
     change()
-    polling, results = world.poll(link.address, 4, station=link.station, told=Changing())
+    polling, results = world.poll(link.address, 4, station=link.station, results=Changing())
     world.until(lambda: len(results.values) + len(results.failures) >= 12)
     polling.stop()
     assert results.failures == []
@@ -414,7 +414,7 @@ class StopsIn(PollResults):
 def test_stopped_from_its_callback(number: int, every: int, at_once: bool, watched: bool) -> None:
     world = ByHand("modbus-tcp", at_once=at_once, watched=watched)
     results = StopsIn(number)
-    results.polling, _ = world.poll("40001", 1, station=1, every=every, told=results)
+    results.polling, _ = world.poll("40001", 1, station=1, every=every, results=results)
     for _ in range(number):
         world.answer()
         world.clock.run_for(every)
@@ -425,7 +425,7 @@ def test_stopped_from_its_callback(number: int, every: int, at_once: bool, watch
 def test_stopped_from_the_callback_of_a_failure() -> None:
     world = ByHand("modbus-tcp")
     results = StopsIn(1)
-    results.polling, _ = world.poll("40001", 1, station=1, told=results)
+    results.polling, _ = world.poll("40001", 1, station=1, results=results)
     world.clock.run_for(5 * SECOND)
     assert results.outcomes == ["no_reply"] and len(world.port.written) == 1
     _is_over(world, results.polling, results)
@@ -490,7 +490,7 @@ def test_a_poll_begun_in_the_callback_of_another() -> None:
             if len(self.values) == 3:
                 later.append(world.poll("40002", 1, station=1)[1])
 
-    _, results = world.poll("40001", 1, station=1, told=Begins())
+    _, results = world.poll("40001", 1, station=1, results=Begins())
     for number in range(10):
         world.put(number, 1000 + number)
         world.answer()
@@ -509,7 +509,7 @@ def test_a_write_in_the_callback_goes_out_before_the_next_read() -> None:
             if len(self.values) == 3:
                 ended.append(world.write("40001", [55], station=1))
 
-    _, results = world.poll("40001", 1, station=1, told=Writes())
+    _, results = world.poll("40001", 1, station=1, results=Writes())
     for _ in range(8):
         world.answer()
     assert [one.ok for one in ended[0]] == [True]
