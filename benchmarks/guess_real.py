@@ -42,16 +42,16 @@ def ended(end: bytes) -> Size:
     return lambda data, asked: data.find(end, 1) + len(end)
 
 
-def rtu(data: bytes, asked: bool) -> int:
+def rtu(data: bytes, is_request: bool) -> int:
     function = data[1]
     if function & 0x80:
         return 5
     if function in (15, 16):
-        return 9 + data[6] if asked else 8
-    return 8 if asked or function in (5, 6) else 5 + data[2]
+        return 9 + data[6] if is_request else 8
+    return 8 if is_request or function in (5, 6) else 5 + data[2]
 
 
-def df1(data: bytes, asked: bool) -> int:
+def df1(data: bytes, is_request: bool) -> int:
     if data[1] != 2:
         return 2
     at = 2
@@ -60,15 +60,15 @@ def df1(data: bytes, asked: bool) -> int:
     return at + 4
 
 
-def m_bus(data: bytes, asked: bool) -> int:
+def m_bus(data: bytes, is_request: bool) -> int:
     return {0xE5: 1, 0x10: 5}.get(data[0]) or data[1] + 6
 
 
-def mode_c(data: bytes, asked: bool) -> int:
+def mode_c(data: bytes, is_request: bool) -> int:
     return data.find(b"\x03") + 2 if data[0] == 2 else data.find(b"\r\n") + 2
 
 
-def osdp(data: bytes, asked: bool) -> int:
+def osdp(data: bytes, is_request: bool) -> int:
     before = data[0] == 0xFF  # optional mark before a command
     return before + int.from_bytes(data[before + 2 : before + 4], "little")
 
@@ -206,16 +206,18 @@ def judged_real(case: RealCase) -> Marks:
     began = time.perf_counter()
     found = guess(case.chunks)
     seconds = time.perf_counter() - began
-    told, wanted = Counter(frame.data for frame in found.frames), Counter(case.good)
-    framing = sum((told & wanted).values()) >= 0.95 * sum(wanted.values())
+    found_frames, wanted = Counter(frame.data for frame in found.frames), Counter(case.good)
+    framing = sum((found_frames & wanted).values()) >= 0.95 * sum(wanted.values())
     wrong: list[str] = []
     check: bool | None = None
     checked = [] if case.truth.checked is None else [one for one in case.all if case.truth.checked(one[1])]
-    said = _checks_of(found)
-    right = bool(said) and all(any(_is_right(found, one, frame) for one in said) for _, frame in checked)
+    checks_found = _checks_of(found)
+    right = bool(checks_found) and all(
+        any(_is_right(found, one, frame) for one in checks_found) for _, frame in checked
+    )
     own = [one for one in case.good if case.truth.checked is not None and case.truth.checked(one)]
     wrong += [
-        f"check {one.name or one.method}" for one in said if one.is_sure and not _is_true(found, one, checked)
+        f"check {one.name or one.method}" for one in checks_found if one.is_sure and not _is_true(found, one, checked)
     ]  # fmt: skip
     if len(set(own)) >= 10 and len({len(one) for one in own}) >= 2:
         check = right
@@ -252,8 +254,8 @@ def _is_right(found: Guess, check: CheckGuess, frame: bytes) -> bool:
 def _is_true(found: Guess, check: CheckGuess, checked: Sequence[tuple[str, bytes]]) -> bool:
     """Return whether the check is right in all frames of the same direction and first byte as its kinds."""
     heads = {(kind.direction, frame.data[:1]) for kind in found.kinds if kind.check is check for frame in kind.frames}
-    told = [frame for way, frame in checked if (way, frame[:1]) in heads]
-    return bool(told) and all(_is_right(found, check, frame) for frame in told)
+    frames = [frame for way, frame in checked if (way, frame[:1]) in heads]
+    return bool(frames) and all(_is_right(found, check, frame) for frame in frames)
 
 
 def _wrong_fields(found: Guess, truth: RealTruth) -> list[str]:

@@ -140,17 +140,17 @@ def draw_protocol(rng: random.Random) -> Protocol:
     return made
 
 
-def build(made: Protocol, rng: random.Random, number: int, reply: bool, asked: bytes) -> tuple[bytes, bytes]:
+def build(made: Protocol, rng: random.Random, number: int, reply: bool, request: bytes) -> tuple[bytes, bytes]:
     """Build a frame; return its content, which the reply repeats, and its bytes on the line."""
     if made.text:
-        station = asked[:2] if reply else b"%02X" % rng.choice(made.stations)
-        function = asked[2:4] if reply else b"%02X" % rng.choice(made.functions)
+        station = request[:2] if reply else b"%02X" % rng.choice(made.stations)
+        function = request[2:4] if reply else b"%02X" % rng.choice(made.functions)
         body = b"".join(
             b"%02X" % rng.randrange(256) for _ in range(rng.choice([1, 2, 4]) if not reply else rng.choice([2, 3, 8]))
         )
         content = station + function + body
     else:
-        head = asked[:2] if reply else bytes([rng.choice(made.stations), rng.choice(made.functions)])
+        head = request[:2] if reply else bytes([rng.choice(made.stations), rng.choice(made.functions)])
         count = bytes([number & 0xFF]) if made.counter else b""
         size = rng.choice([2, 4]) if not reply else rng.choice([1, 4, 6, 9])
         if made.size:
@@ -219,9 +219,9 @@ def draw_case(seed: int) -> Case:
     by_content = made.framing not in ("pauses", "fixed")
     frames: list[tuple[str, bytes, bool]] = []
     for number in range(rng.choice([5, 10, 20, 40, 100]) // 2 + 1):
-        content, asked = build(made, rng, number, False, b"")
-        _, told = build(made, rng, number, True, content)
-        for way, data in (("out", asked), ("in", told)):
+        content, request = build(made, rng, number, False, b"")
+        _, reply = build(made, rng, number, True, content)
+        for way, data in (("out", request), ("in", reply)):
             is_good = rng.random() >= damage
             if not is_good:
                 place = rng.randrange(len(data))
@@ -238,8 +238,8 @@ def draw_case(seed: int) -> Case:
         now += round(rng.uniform(5, 40) * CHARACTER)
     fresh = []
     for number in range(20):
-        content, asked = build(made, rng, number, False, b"")
-        fresh.append(asked if rng.random() < 0.5 else build(made, rng, number, True, content)[1])
+        content, request = build(made, rng, number, False, b"")
+        fresh.append(request if rng.random() < 0.5 else build(made, rng, number, True, content)[1])
     return Case(seed, made, chunks, [data for _, data, is_good in frames if is_good], fresh, damage > 0)
 
 
@@ -260,15 +260,15 @@ def judged(case: Case) -> Marks:
     began = time.perf_counter()
     found = guess(case.chunks)
     seconds = time.perf_counter() - began
-    told = Counter(frame.data for frame in found.frames)
+    found_frames = Counter(frame.data for frame in found.frames)
     wanted = Counter(case.good)
     if case.made.framing in ("hdlc", "slip", "cobs"):  # a mark between two frames may belong to either
         mark = {"hdlc": b"~", "slip": b"\xc0", "cobs": b"\0"}[case.made.framing]
-        told, wanted = (
+        found_frames, wanted = (
             Counter({one.strip(mark): 0 for one in some}) + Counter(x.strip(mark) for x in some.elements())
-            for some in (told, wanted)
+            for some in (found_frames, wanted)
         )
-    hit = sum((told & wanted).values())
+    hit = sum((found_frames & wanted).values())
     framing = hit >= 0.95 * sum(wanted.values())
     wrong: list[str] = []
     check: bool | None = None
@@ -362,8 +362,8 @@ def main() -> None:
             }
         )
     )
-    for one, said in wrong[:40]:
-        print(f"wrong: --one {one}: {said}")
+    for one, error in wrong[:40]:
+        print(f"wrong: --one {one}: {error}")
     for one, framing, check, damaged, marks in results:
         if not marks.framing or marks.check is False:
             how = ", damaged" if damaged else ""

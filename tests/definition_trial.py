@@ -216,9 +216,9 @@ def read(codec: Codec | ConstructCodec, data: bytes) -> Any:
         return error.cause, error.refuse
 
 
-def same(one: Any, other: Any) -> bool:
+def same(first: Any, second: Any) -> bool:
     """Return whether two results are equal; NaN, as in a damaged float, equals NaN."""
-    return bool(one == other) or repr(one) == repr(other)
+    return bool(first == second) or repr(first) == repr(second)
 
 
 def damaged(data: bytes, random: Random) -> bytes:

@@ -113,9 +113,9 @@ class Scope:
         self.sized: list[str] = []
         self.places: list[str] = []
 
-    def all(self, what: str) -> list[str]:
-        here: list[str] = getattr(self, what)
-        return here + (self.outer.all(what) if self.outer is not None else [])
+    def all(self, attribute: str) -> list[str]:
+        here: list[str] = getattr(self, attribute)
+        return here + (self.outer.all(attribute) if self.outer is not None else [])
 
 
 class DrawnDefinition:

@@ -25,17 +25,17 @@ def insert(transmission: Transmission, index: int, data: bytes) -> None:
     transmission.data[index:index] = data
 
 
-def _shift(one: Transmission, start: int, by: int) -> None:
+def _shift(transmission: Transmission, start: int, by: int) -> None:
     """Shift the faults and pauses from `start` on by `by` characters.
 
     If characters are removed, their faults are dropped and their pauses are kept.
     """
     gone = range(start + by, start)
-    one.faults = {i + by * (i >= start): fault for i, fault in one.faults.items() if i not in gone}
-    one.flips = {i + by * (i >= start): flips for i, flips in one.flips.items() if i not in gone}
-    pauses, one._pauses = one._pauses, {}
+    transmission.faults = {i + by * (i >= start): fault for i, fault in transmission.faults.items() if i not in gone}
+    transmission.flips = {i + by * (i >= start): flips for i, flips in transmission.flips.items() if i not in gone}
+    pauses, transmission._pauses = transmission._pauses, {}
     for index, duration in pauses.items():
-        one.pause(index + by * (index >= start), duration)
+        transmission.pause(index + by * (index >= start), duration)
 
 
 @dataclass(slots=True)

@@ -114,14 +114,14 @@ class TransferWorld:
         result = self.do(lambda **keys: self.client.write(place, values, station=self.station, **keys))
         known[: len(values)] = values if result.ok else [None] * len(values)
         if result.ok:
-            there = self.grammar.parse(text)
-            if self.memory.read(there.area, there.unit, there.start, len(values)) != values:
+            address = self.grammar.parse(text)
+            if self.memory.read(address.area, address.unit, address.start, len(values)) != values:
                 self.wrong.append(f"write of {len(values)} to {text} is not in the device")
 
     def _read(self, text: str, place: Any, count: int, known: list[int | None]) -> None:
         result = self.do(lambda **keys: self.client.read(place, count=count, station=self.station, **keys))
-        there = self.grammar.parse(text)
-        if result.ok and result.values != self.memory.read(there.area, there.unit, there.start, count):
+        address = self.grammar.parse(text)
+        if result.ok and result.values != self.memory.read(address.area, address.unit, address.start, count):
             self.wrong.append(f"read of {count} from {text} is not what the device has")
         expected = known[:count]
         if result.ok and any(one not in (None, other) for one, other in zip(expected, result.values, strict=True)):

@@ -469,14 +469,14 @@ async def shdlc(path: Path) -> None:
         rng = Random(11)
         with driver.ShdlcSerialPort(port=place, baudrate=115200) as port:
             device = driver.ShdlcDevice(driver.ShdlcConnection(port), slave_address=0x11)
-            asked = [
+            requests = [
                 device.get_product_name, device.get_serial_number, device.get_version, device.get_system_up_time,
                 device.get_error_state, device.get_reply_delay,
             ]  # fmt: skip
             for _ in range(75):
                 if rng.random() < 0.3:
                     device.set_reply_delay(rng.choice([0x1113, 0x117E, rng.randrange(1 << 16)]))
-                rng.choice(asked)()
+                rng.choice(requests)()
 
     text = """
 device: peer
@@ -537,11 +537,11 @@ async def m_bus(path: Path) -> None:
     def meters(place: str) -> None:
         with serial.Serial(place, 19200, timeout=0.1) as port:
             while not stop.is_set():
-                asked = port.read(5)
-                if len(asked) < 5:
+                request = port.read(5)
+                if len(request) < 5:
                     continue
                 threading.Event().wait(0.02)
-                port.write(reply(asked[2]) if asked[1] & 0x0F == 0x0B else b"\xe5")
+                port.write(reply(request[2]) if request[1] & 0x0F == 0x0B else b"\xe5")
 
     def master(place: str) -> None:
         with serial.Serial(place, 19200, timeout=2) as port:

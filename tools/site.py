@@ -151,12 +151,12 @@ def navigation(folder: Path, drawn: list[str], api_page: str) -> list[object]:
     """Return the pages by section, the pages without a section, and the generated pages: gallery and API."""
     made = [*drawn, api_page]
     known = {page for listed in SECTIONS.values() for page in listed}
-    there = {str(page.relative_to(folder)) for page in folder.glob("**/*.md")} - {"index.md"} - set(made)
-    sections = {**SECTIONS, "More": sorted(there - known), "Gallery": drawn}
+    existing = {str(page.relative_to(folder)) for page in folder.glob("**/*.md")} - {"index.md"} - set(made)
+    sections = {**SECTIONS, "More": sorted(existing - known), "Gallery": drawn}
     sections["Reference"] = [*sections["Reference"], api_page]
     found: list[object] = ["index.md"]
     for name, listed in sections.items():
-        inside = [page for page in listed if page in there or page in made]
+        inside = [page for page in listed if page in existing or page in made]
         found += [{name: inside}] if inside else []
     return found
 

@@ -81,10 +81,10 @@ def requests_and_replies(codec: Codec, frames: int) -> Iterator[bytes]:
     yield GLOBAL_HEADER
     for number in range(frames // 2):
         station, count = choose.randrange(1, 5), choose.randrange(1, 20)
-        asked = {"station": station, "pdu": {"read_holding": {"address": 1, "count": count}}}
-        told = {"station": station, "pdu": {"read_holding_reply": {"values": choose.randbytes(2 * count)}}}
-        yield records.of(LineEvent("data", number * 100_000_000, "out", codec.encode(FRAME, asked)))
-        yield records.of(LineEvent("data", number * 100_000_000 + 50_000_000, "in", codec.encode("reply_adu", told)))
+        request = {"station": station, "pdu": {"read_holding": {"address": 1, "count": count}}}
+        reply = {"station": station, "pdu": {"read_holding_reply": {"values": choose.randbytes(2 * count)}}}
+        yield records.of(LineEvent("data", number * 100_000_000, "out", codec.encode(FRAME, request)))
+        yield records.of(LineEvent("data", number * 100_000_000 + 50_000_000, "in", codec.encode("reply_adu", reply)))
 
 
 def _show(path: Path) -> None:

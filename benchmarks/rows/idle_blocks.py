@@ -53,20 +53,20 @@ def writes(run: RunService, clock: VirtualClock, word: int) -> Callable[[], floa
     """Write every millisecond of simulated time to 512 words from `word` on in turn; return CPU seconds per write."""
 
     def measure() -> float:
-        left = WRITES
+        remaining = WRITES
 
         def write() -> None:
-            nonlocal left
-            left -= 1
-            run.memory.write("D", "word", word + left % 512, [left << 1 & 0xFFFE])
-            if left:
+            nonlocal remaining
+            remaining -= 1
+            run.memory.write("D", "word", word + remaining % 512, [remaining << 1 & 0xFFFE])
+            if remaining:
                 clock.call_at(clock.now() + EVERY, write)
 
         begin = time.process_time()
         clock.call_at(clock.now() + EVERY, write)
         clock.run_for((WRITES + 1) * EVERY)
         used = time.process_time() - begin
-        assert not left and not any(state.started for state in run.states.values())
+        assert not remaining and not any(state.started for state in run.states.values())
         return used / WRITES
 
     return measure

@@ -139,13 +139,13 @@ async def clients(port: int, measure: Callable[[dict[str, Polls]], Awaitable[Non
             assert reply.registers == VALUES
 
         async def framekit_poll() -> None:
-            left = POLLS
+            remaining = POLLS
             last: tuple[int, ...] = ()
 
             def take(values: tuple[int, ...]) -> None:
-                nonlocal left, last
-                left, last = left - 1, values
-                if not left:
+                nonlocal remaining, last
+                remaining, last = remaining - 1, values
+                if not remaining:
                     poll.stop()
 
             poll = ours.poll("40001", 10, on_values=take)

@@ -103,9 +103,9 @@ def server_process(command: list[str]) -> Iterator[ServerProcess]:
 def framekit_server(protocol: str) -> list[str]:
     values = f"{PLACES[protocol]}={','.join(map(str, VALUES))}"
     serve = [sys.executable, "-m", "framekit", "serve", protocol, "--port", "tcp://127.0.0.1:0", "--set", values]
-    asked = STATIONS.get(protocol, {})
-    params = [word for name, value in asked.get("params", {}).items() for word in ("--param", f"{name}={value}")]
-    return [*serve, "--quiet", *params, *(("--role", asked["role"]) if "role" in asked else ())]
+    settings = STATIONS.get(protocol, {})
+    params = [word for name, value in settings.get("params", {}).items() for word in ("--param", f"{name}={value}")]
+    return [*serve, "--quiet", *params, *(("--role", settings["role"]) if "role" in settings else ())]
 
 
 Reads = Callable[[], Awaitable[None]]

@@ -57,11 +57,11 @@ class Registers:
             pass
         writer.close()
 
-    def _reply(self, asked: bytes) -> bytes:
-        count = int.from_bytes(asked[10:12], "big")
+    def _reply(self, request: bytes) -> bytes:
+        count = int.from_bytes(request[10:12], "big")
         words = (self.held(self.asked) * count)[:count]
         body = bytes([3, 2 * count]) + b"".join(word.to_bytes(2, "big") for word in words)
-        return asked[:4] + (len(body) + 1).to_bytes(2, "big") + asked[6:7] + body
+        return request[:4] + (len(body) + 1).to_bytes(2, "big") + request[6:7] + body
 
 
 class Kept:

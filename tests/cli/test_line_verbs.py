@@ -230,8 +230,8 @@ def test_a_monitor_of_datagrams_says_who_sent_them() -> None:
         seen: list[Seen] = []
         protocol, came = load_protocol("modbus-rtu"), asyncio.Event()
 
-        def show(one: Seen) -> None:
-            seen.append(one)
+        def show(event: Seen) -> None:
+            seen.append(event)
             came.set()
 
         monitor = LineMonitor.at(protocol, f"udp-listen://127.0.0.1:{number}", show, line=None)

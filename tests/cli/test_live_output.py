@@ -160,11 +160,11 @@ def test_a_queue_that_is_still_full_at_the_end_has_room_for_the_summary(pipes: C
         print("the summary")
         status = live.report_losses(0)
         reader, error_reader = Reader(output), Reader(errors)
-    lines, told = reader.at_end(), error_reader.at_end()
+    lines, error_lines = reader.at_end(), error_reader.at_end()
     kept = len(lines) - 2
     assert lines[:kept] == [f"{number} {'x' * 100}" for number in range(kept)] and kept < 1000
     assert lines[kept:] == [f"({2000 - kept} lines were lost here: its reader does not read)", "the summary"]
-    assert told == [
+    assert error_lines == [
         "standard output: its reader does not read – lines are lost until it is read: read it",
         f"standard output: its reader does not read, {2000 - kept} lines were lost",
     ]

@@ -25,8 +25,8 @@ def block_back(key: bytes, data: bytes) -> bytes:
     return bytes(run.update(data))
 
 
-def xor(one: bytes, other: bytes) -> bytes:
-    return bytes(a ^ b for a, b in zip(one, other, strict=False))
+def xor(first: bytes, second: bytes) -> bytes:
+    return bytes(a ^ b for a, b in zip(first, second, strict=False))
 
 
 def blocks(data: bytes) -> list[bytes]:

@@ -122,8 +122,8 @@ class Nowhere(Segment):
     name: str = key("made_up", IDENTIFIER._replace(schema={"$ref": "common.schema.json#/$defs/nowhere"}))
 
 
-def kind_of(one: type[Segment]) -> type[SegmentKind[Segment]]:
-    return type("MadeUpKind", (SegmentKind,), {"model": one, "__module__": __name__})
+def kind_of(segment_class: type[Segment]) -> type[SegmentKind[Segment]]:
+    return type("MadeUpKind", (SegmentKind,), {"model": segment_class, "__module__": __name__})
 
 
 RUBBISH = Form({"type": "rubbish"}, IDENTIFIER.read)

@@ -119,7 +119,7 @@ def carry_out(command: str, capsys: pytest.CaptureFixture[str]) -> list[str]:
     return done.stdout.splitlines()
 
 
-def assert_shown(found: list[str], expected: list[str], what: str) -> None:
+def assert_shown(found: list[str], expected: list[str], description: str) -> None:
     """Assert that the lines are as shown; `...` stands for any lines, and inside a line for any text."""
     while expected and not expected[-1]:
         expected = expected[:-1]
@@ -127,4 +127,6 @@ def assert_shown(found: list[str], expected: list[str], what: str) -> None:
         ".*" if line.strip() == "..." else re.escape(line.rstrip()).replace(r"\.\.\.", "[^\n]*") for line in expected
     )
     text = "\n".join(line.rstrip() for line in found).rstrip()
-    assert re.fullmatch(pattern, text, re.DOTALL), f"{what}\n--- found\n{text}\n--- shown\n" + "\n".join(expected)
+    assert re.fullmatch(pattern, text, re.DOTALL), f"{description}\n--- found\n{text}\n--- shown\n" + "\n".join(
+        expected
+    )

@@ -119,11 +119,11 @@ class Shipped:
 KINDS = ("encode", "decode", "measure", "extent", "diagnose", "build")
 
 
-def sources(one: Shipped) -> Iterator[Case]:
+def sources(shipped: Shipped) -> Iterator[Case]:
     """Yield the generated modules, internal and stand-alone, divided by kind of function."""
 
     def part(standalone: bool, kind: str) -> str:
-        return parts_of(one, standalone).get(kind, "")
+        return parts_of(shipped, standalone).get(kind, "")
 
     for title, standalone in (("inside", False), ("standalone", True)):
         for kind in (*KINDS, "rest"):
@@ -131,9 +131,9 @@ def sources(one: Shipped) -> Iterator[Case]:
 
 
 @cache
-def parts_of(one: Shipped, standalone: bool) -> dict[str, str]:
+def parts_of(shipped: Shipped, standalone: bool) -> dict[str, str]:
     """Return the text of a generated module by kind of function; `rest` is the code outside functions of frames."""
-    text = generate_source(one.protocol, standalone=standalone)
+    text = generate_source(shipped.protocol, standalone=standalone)
     lines, parts = text.splitlines(), dict[str, list[str]]()
     for node in ast.parse(text).body:
         kind = node.name.strip("_").split("_")[0] if isinstance(node, ast.FunctionDef) else ""
@@ -166,20 +166,20 @@ def damaged(data: bytes, choose: Random) -> bytes:
     return bytes(found)
 
 
-def damage(one: Shipped) -> Iterator[Case]:
+def damage(shipped: Shipped) -> Iterator[Case]:
     """Yield cases of damaged frames: cause, segment, offset and refusal; the messages are cases of their own."""
-    for name in one.frames:
+    for name in shipped.frames:
         for part, size in (("some", SOME), ("more", damaged_each() - SOME)):
-            yield Case(f"damage/{name}/{part}", partial(_damage, one, name, part, size), part == "some")
-            yield Case(f"message/{name}/{part}", partial(_message, one, name, part, size), part == "some")
+            yield Case(f"damage/{name}/{part}", partial(_damage, shipped, name, part, size), part == "some")
+            yield Case(f"message/{name}/{part}", partial(_message, shipped, name, part, size), part == "some")
 
 
-def _damage(one: Shipped, name: str, part: str, count: int) -> str:
-    return found_in(one, name, part, count)[0]
+def _damage(shipped: Shipped, name: str, part: str, count: int) -> str:
+    return found_in(shipped, name, part, count)[0]
 
 
-def _message(one: Shipped, name: str, part: str, count: int) -> str:
-    return found_in(one, name, part, count)[1]
+def _message(shipped: Shipped, name: str, part: str, count: int) -> str:
+    return found_in(shipped, name, part, count)[1]
 
 
 @cache
@@ -203,8 +203,8 @@ def found_in(one: Shipped, name: str, part: str, count: int) -> tuple[str, str]:
     return "".join(found), "".join(words)
 
 
-def _measured(one: Shipped, name: str, data: bytes, names: Names) -> str:
-    codec = one.codec
+def _measured(shipped: Shipped, name: str, data: bytes, names: Names) -> str:
+    codec = shipped.codec
     try:
         size = codec.frames[name].measure(data, 0, len(data), names, 0)
     except Exception as error:  # every exception is part of the frozen text
@@ -226,9 +226,9 @@ def _decoded(one: Shipped, name: str, data: bytes, names: Names) -> tuple[str, s
 # ---- what receivers find ----------------------------------------------------------------------------------
 
 
-def stream(one: Shipped, choose: Random, most: int = 14) -> bytes:
+def stream(shipped: Shipped, choose: Random, most: int = 14) -> bytes:
     """Return whole and damaged frames with noise between them: random bytes, first bytes of frames, nested frames."""
-    samples, parts = one.on_line, list[bytes]()
+    samples, parts = shipped.on_line, list[bytes]()
     letters = sorted({byte for data in samples for byte in data[:3]})
     for _ in range(choose.randrange(1, most)):
         frame, kind = bytearray(choose.choice(samples)), choose.randrange(20)
@@ -245,9 +245,9 @@ def stream(one: Shipped, choose: Random, most: int = 14) -> bytes:
     return b"".join(parts)
 
 
-def noise(one: Shipped, choose: Random) -> bytes:
+def noise(shipped: Shipped, choose: Random) -> bytes:
     """Return noise with few frames: random bytes, first bytes of frames, repeated starts."""
-    samples, found = one.on_line, b""
+    samples, found = shipped.on_line, b""
     letters = sorted({byte for data in samples for byte in data[:3]})
     while len(found) < 1500:
         kind, size = choose.randrange(5), choose.randrange(1, 400)
@@ -273,13 +273,13 @@ def cut(data: bytes, choose: Random, longest: int) -> list[bytes]:
     return found
 
 
-def streams(one: Shipped) -> Iterator[Case]:
+def streams(shipped: Shipped) -> Iterator[Case]:
     """Yield cases of streams in a receiver: whole, cut, with pauses and damaged characters, and in noise."""
-    for number in range(STREAMS if one.on_line else 0):
+    for number in range(STREAMS if shipped.on_line else 0):
         for kind in ("whole", "cut", "strange", "noise"):
-            yield Case(f"stream/{kind}/{number}", partial(_stream_text, one, kind, number), number < 2)
+            yield Case(f"stream/{kind}/{number}", partial(_stream_text, shipped, kind, number), number < 2)
         for kind in ("either", "client"):
-            yield Case(f"capture/{kind}/{number}", partial(_heard, one, kind, number), number < 2)
+            yield Case(f"capture/{kind}/{number}", partial(_heard, shipped, kind, number), number < 2)
 
 
 def _stream_text(one: Shipped, kind: str, number: int) -> str:
@@ -297,9 +297,9 @@ def _heard(one: Shipped, kind: str, number: int) -> str:
     return heard(one, stream(one, choose) + noise(one, choose), "in" if kind == "client" else None, choose)
 
 
-def expectations(one: Shipped) -> Iterator[tuple[tuple[str, ...], tuple[str, ...]]]:
+def expectations(shipped: Shipped) -> Iterator[tuple[tuple[str, ...], tuple[str, ...]]]:
     """Yield pairs of frame names: expected frames, and other frames."""
-    table = Receiver(one.codec, one.protocol, one.names()).table
+    table = Receiver(shipped.codec, shipped.protocol, shipped.names()).table
     yield table.on_line, ()
     for side in ("client", "server"):
         names = tuple(it for it in table.on_line if table.infos[it].frame.side in (side, "both"))
@@ -308,13 +308,13 @@ def expectations(one: Shipped) -> Iterator[tuple[tuple[str, ...], tuple[str, ...
 
 
 def received(
-    one: Shipped,
+    shipped: Shipped,
     pieces: Iterable[bytes],
     expected: tuple[tuple[str, ...], tuple[str, ...]],
     choose: Random,
     strange: bool = False,
 ) -> str:
-    receiver, now = Receiver(one.codec, one.protocol, one.names()), 0
+    receiver, now = Receiver(shipped.codec, shipped.protocol, shipped.names()), 0
     lines = [f"expected {' '.join(expected[0])}, others {' '.join(expected[1])}"]
     state = ""
 
@@ -366,10 +366,12 @@ def arrival_text(event: Arrival) -> str:
     return f"{event.offset} {'skipped' if event.skipped else 'noise'} {event.data.hex()} {times}"
 
 
-def heard(one: Shipped, data: bytes, client: Any, choose: Random) -> str:
+def heard(shipped: Shipped, data: bytes, client: Any, choose: Random) -> str:
     """Return the frames that a listener on the line finds; with `client`, each side has a wire of its own."""
     seen: list[Seen] = []
-    listener = Listener(one.protocol, one.codec, seen.append, client=client, line=default_line(one.protocol))
+    listener = Listener(
+        shipped.protocol, shipped.codec, seen.append, client=client, line=default_line(shipped.protocol)
+    )
     direction, now = "in", 0
     for piece in cut(data, choose, 200):
         if client is not None and choose.randrange(3) == 0:
@@ -401,7 +403,7 @@ def conversations(one: Shipped) -> Iterator[Case]:
         yield Case(f"conversation/{title}", partial(_trace, one, case), number % 20 == 0)
 
 
-def _trace(one: Shipped, case: Conversation) -> str:
+def _trace(shipped: Shipped, case: Conversation) -> str:
     seen: list[Seen] = []
 
     def side(case: Conversation, protocol: Any, codec: Any) -> SideUnderTest:
@@ -409,17 +411,17 @@ def _trace(one: Shipped, case: Conversation) -> str:
         made.monitor = seen.append
         return made
 
-    problems = run_conversation(case, one.protocol, one.codec, side)
+    problems = run_conversation(case, shipped.protocol, shipped.codec, side)
     return "".join(f"{line}\n" for line in (*map(shown, seen), *problems))
 
 
 # ---- all of it --------------------------------------------------------------------------------------------
 
 
-def cases(one: Shipped) -> Iterator[Case]:
+def cases(shipped: Shipped) -> Iterator[Case]:
     """Yield all cases of a protocol."""
-    yield from sources(one)
-    yield from damage(one)
-    if one.protocol.kind == "protocol":
-        yield from streams(one)
-    yield from conversations(one)
+    yield from sources(shipped)
+    yield from damage(shipped)
+    if shipped.protocol.kind == "protocol":
+        yield from streams(shipped)
+    yield from conversations(shipped)

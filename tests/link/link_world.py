@@ -213,14 +213,14 @@ class Side:
         return [seen.reason for seen in self.seen if seen.kind == kind]
 
 
-def connect(one: Side, other: Side, time: int, damage: Callable[[bytes], bytes] = lambda data: data) -> None:
+def connect(first: Side, second: Side, time: int, damage: Callable[[bytes], bytes] = lambda data: data) -> None:
     """Let two sides communicate for a time; `damage` changes the transmitted bytes."""
-    end = one.now + time
+    end = first.now + time
     while True:
-        at = min(one.next_time(), other.next_time())
-        if (at > end or at >= NEVER) and all(side.forwarded == len(side.sent) for side in (one, other)):
+        at = min(first.next_time(), second.next_time())
+        if (at > end or at >= NEVER) and all(side.forwarded == len(side.sent) for side in (first, second)):
             break
-        for side, peer in ((one, other), (other, one)):
+        for side, peer in ((first, second), (second, first)):
             if side.next_time() <= at <= end:
                 side.run(at - side.now)
             fresh = side.sent[side.forwarded :]
@@ -230,5 +230,5 @@ def connect(one: Side, other: Side, time: int, damage: Callable[[bytes], bytes] 
                 side.run(max(0, started + took - side.now))
                 peer.run(max(0, side.now - peer.now))
                 peer.do(peer.engine.receive(damage(data), peer.now))
-    for side in (one, other):
+    for side in (first, second):
         side.run(max(0, end - side.now))

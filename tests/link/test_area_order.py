@@ -65,15 +65,15 @@ def loop(order: str, **keys: Any) -> Loop:
     return Loop(PROTOCOL.replace("ORDER", order), **keys)
 
 
-def read(one: Loop, address: str, **keys: Any) -> TransferResult:
+def read(loop: Loop, address: str, **keys: Any) -> TransferResult:
     done: list[TransferResult] = []
-    one.client.read(address, now=0, on_done=done.append, **keys)
+    loop.client.read(address, now=0, on_done=done.append, **keys)
     return done[0]
 
 
-def write(one: Loop, address: str, values: list[int], **keys: Any) -> TransferResult:
+def write(loop: Loop, address: str, values: list[int], **keys: Any) -> TransferResult:
     done: list[TransferResult] = []
-    one.client.write(address, values, now=0, on_done=done.append, **keys)
+    loop.client.write(address, values, now=0, on_done=done.append, **keys)
     return done[0]
 
 

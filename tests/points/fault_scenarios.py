@@ -90,9 +90,9 @@ class BrokenRuleError(Exception):
     """A violation of a rule."""
 
 
-def rule(holds: bool, what: str) -> None:
+def rule(holds: bool, description: str) -> None:
     if not holds:
-        raise BrokenRuleError(what)
+        raise BrokenRuleError(description)
 
 
 Scenario = Callable[[Path, Faults], None]

@@ -66,13 +66,13 @@ class Network:
             for one, other in ((here, server), (server, here)):
                 threading.Thread(target=self._pass, args=(one, other), daemon=True).start()
 
-    def _pass(self, one: socket.socket, other: socket.socket) -> None:
+    def _pass(self, source: socket.socket, target: socket.socket) -> None:
         try:
-            while data := one.recv(random.choice((7, 100, 65536))):
-                other.sendall(data)
+            while data := source.recv(random.choice((7, 100, 65536))):
+                target.sendall(data)
         except OSError:
             pass
-        for end in (one, other):
+        for end in (source, target):
             with self._lock:
                 self._open.discard(end)
             with suppress(OSError):

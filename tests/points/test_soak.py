@@ -121,10 +121,10 @@ def in_files(folder: Path) -> dict[str, Histories]:
     }
 
 
-def in_lines(there: Database) -> Histories:
+def in_lines(server: Database) -> Histories:
     """Return the histories on the line protocol server, ordered by time, since a batch may be sent twice."""
     found: dict[str, dict[int, object]] = defaultdict(dict)
-    for line in there.lines:
+    for line in server.lines:
         match = re.fullmatch(r"soak,.*\bpoint=([^, ]+)\S* (?:.*,)?value=(\d+)\.0(?:,.*)? (\d+)", line)
         if match is not None and 'quality="good"' in line:
             found[match[1]][int(match[3])] = match[2]
@@ -266,10 +266,10 @@ def _listens(port: int) -> bool:
         return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
-def _until(is_so: Callable[[], bool], what: str, within: float = 60) -> None:
+def _until(is_so: Callable[[], bool], description: str, within: float = 60) -> None:
     end = time.monotonic() + within
     while not is_so():
-        assert time.monotonic() < end, what
+        assert time.monotonic() < end, description
         time.sleep(0.1)
 
 

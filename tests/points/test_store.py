@@ -97,14 +97,14 @@ def test_what_was_added_outlasts_a_kill(tmp_path: Path) -> None:
     store.close()
 
 
-def _add_for_ever(path: Path, told: int) -> NoReturn:
+def _add_for_ever(path: Path, reported: int) -> NoReturn:
     try:
         store = opened(path, most=10_000_000)
         at = len(store)
         while True:
             store.add([sample(at + one, value=at + one) for one in range(3)])
             at += 3
-            os.write(told, b"%d\n" % at)
+            os.write(reported, b"%d\n" % at)
     finally:
         os._exit(1)
 

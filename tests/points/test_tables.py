@@ -74,9 +74,9 @@ def test_the_verb_says_what_it_did(tmp_path: Path, capsys: pytest.CaptureFixture
     path, output = tmp_path / "list.csv", tmp_path / "meter.points.yaml"
     path.write_text(SEMICOLONS, "utf-8")
     assert main(["import", str(path), "--address", "%MW{}", "-o", str(output)]) == 0
-    told = capsys.readouterr()
-    assert told.out == f"{output} is written – framekit check {output}\n"
-    assert told.err.count(" – left out\n") == 5 and "columns without effect on points: Page" in told.err
+    printed = capsys.readouterr()
+    assert printed.out == f"{output} is written – framekit check {output}\n"
+    assert printed.err.count(" – left out\n") == 5 and "columns without effect on points: Page" in printed.err
     assert yaml.safe_load(output.read_text("utf-8"))["values"]["Limit"]["address"] == "%MW201"
     assert main(["import", str(path), "--address", "%MW"]) == 2
     assert main(["import", str(path), "-o", str(output), "--strict", "--json"]) == 1

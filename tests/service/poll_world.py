@@ -97,15 +97,15 @@ class Asking:
 
     def poll(
         self, address: str, count: int = 1, *, station: Any, every: int = 0, unit: str | None = None,
-        told: PollResults | None = None,
+        results: PollResults | None = None,
     ) -> tuple[Polling, PollResults]:  # fmt: skip
         """Start a poll."""
-        told = PollResults() if told is None else told
+        results = PollResults() if results is None else results
         polling = Polling(
-            self.service, address, station=station, unit=unit, count=count, every=every, on_result=told.result
+            self.service, address, station=station, unit=unit, count=count, every=every, on_result=results.result
         )
         polling.start()
-        return polling, told
+        return polling, results
 
     def read(self, address: str, count: int = 1, *, station: Any) -> list[TransferResult]:
         """Start a read; its result will be appended to the returned list."""
@@ -151,13 +151,13 @@ class ByHand(Asking):
     def reply(self) -> bytes:
         """Return the device's reply to the last request."""
         self.clock.run_for(0)
-        waiting, said = deque(self._device.receive(self.asked, self.clock.now())), b""
+        waiting, reply_bytes = deque(self._device.receive(self.asked, self.clock.now())), b""
         while waiting:
             command = waiting.popleft()
             if isinstance(command, Send):
-                said += command.data
+                reply_bytes += command.data
                 waiting.extend(self._device.sent(self.clock.now()))
-        return said
+        return reply_bytes
 
     def come(self, *pieces: bytes) -> None:
         """Deliver bytes in pieces."""

@@ -138,9 +138,9 @@ def test_with_the_defaults_a_dead_station_costs_its_neighbours_little(tmp_path: 
     def ended(state: BlockState, ok: bool) -> None:
         ends[state.block.number].append(clock.now())
 
-    def seen(channel: int, what: Seen) -> None:
-        if what.direction == "out" and what.raw[:1] == b"\2":
-            tries.append(what.at)
+    def seen(channel: int, event: Seen) -> None:
+        if event.direction == "out" and event.raw[:1] == b"\2":
+            tries.append(event.at)
 
     service = RunService(load_run(three(tmp_path)), clock, seen, ended)
     service.devices[1].start = lambda: None  # type: ignore[method-assign]

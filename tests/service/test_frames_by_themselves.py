@@ -86,11 +86,11 @@ def frames_of(folder: Path, late: str, pause: int, every: int, more: str) -> tup
     came: list[str] = []
     wrong: list[str] = []
 
-    def seen(channel: int, one: framekit.Seen) -> None:
-        if one.kind == "frame" and one.direction == "in":
-            came.append(one.frame or "")
-        elif one.kind in ("noise", "bad", "not_taken"):
-            wrong.append(f"{one.kind} {one.data.hex(' ')}")
+    def seen(channel: int, event: framekit.Seen) -> None:
+        if event.kind == "frame" and event.direction == "in":
+            came.append(event.frame or "")
+        elif event.kind in ("noise", "bad", "not_taken"):
+            wrong.append(f"{event.kind} {event.data.hex(' ')}")
 
     with framekit.VirtualRun(folder / "news.run.yaml", monitor=seen) as run:
         run.run_for("10 s")

@@ -73,8 +73,8 @@ class EchoWorld:
         self.service.start()
         self.clock.run_for(SECOND)
 
-    def result(self, what: str, **more: Any) -> TransferResult:
-        return self.end_of(lambda client: partial(getattr(client, what), self.place, **more))
+    def result(self, method: str, **more: Any) -> TransferResult:
+        return self.end_of(lambda client: partial(getattr(client, method), self.place, **more))
 
     def called(self, service: str, **arguments: Any) -> TransferResult:
         return self.end_of(lambda client: partial(client.call, service, arguments))

@@ -332,9 +332,9 @@ def test_whatever_comes_no_value_is_told_that_the_device_has_not_held(protocol: 
 # ---- stopping ---------------------------------------------------------------------------------------------------
 
 
-def _is_over(world: ByHand, polling: Polling, told: PollResults) -> None:
+def _is_over(world: ByHand, polling: Polling, results: PollResults) -> None:
     """Assert that the poll reports and requests no more, and that other callers are served."""
-    values, failures = list(told.values), list(told.failures)
+    values, failures = list(results.values), list(results.failures)
     world.clock.run_for(5 * SECOND)
     requests = len(world.port.written)
     polling.stop()
@@ -346,7 +346,7 @@ def _is_over(world: ByHand, polling: Polling, told: PollResults) -> None:
     world.answer()
     assert [one.values for one in read] == [[4711]]
     world.clock.run_for(5 * SECOND)
-    assert (told.values, told.failures) == (values, failures)
+    assert (results.values, results.failures) == (values, failures)
 
 
 @WAYS

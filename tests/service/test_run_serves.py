@@ -59,7 +59,7 @@ def test_two_channels_serve_one_memory(tmp_path: Path) -> None:
             opened = asyncio.Event()
             states: set[int] = set()
 
-            def seen(channel: int, what: object) -> None:
+            def seen(channel: int, event: object) -> None:
                 states.add(channel)
                 if states == {1, 2}:
                     opened.set()
@@ -153,10 +153,10 @@ def test_a_channel_answers_several_clients_over_tcp(tmp_path: Path) -> None:
 
         clients: list[str] = []
 
-        def seen(channel: int, what: Seen) -> None:
+        def seen(channel: int, event: Seen) -> None:
             opened[channel].set()
-            if channel == 1 and what.frame:
-                clients.append(what.client)
+            if channel == 1 and event.frame:
+                clients.append(event.client)
 
         service = RunService(load_run(path), AsyncioClock(asyncio.get_running_loop()), seen)
         service.start()
@@ -275,9 +275,9 @@ def test_a_port_that_is_taken_is_told_and_tried_again(tmp_path: Path) -> None:
         states: list[str] = []
         opened = asyncio.Event()
 
-        def seen(channel: int, what: Seen) -> None:
+        def seen(channel: int, event: Seen) -> None:
             if channel == 1:
-                states.append(what.reason)
+                states.append(event.reason)
                 taken.close()
                 if service.channels[1].state == "open":
                     opened.set()

@@ -147,9 +147,9 @@ def test_the_run_does_what_was_foreseen(tmp_path: Path) -> None:
     assert load.busy > 1
     seen = 0
 
-    def count(channel: int, what: Seen) -> None:
+    def count(channel: int, event: Seen) -> None:
         nonlocal seen
-        seen += len(what.raw)
+        seen += len(event.raw)
 
     clock = VirtualClock()
     service = RunService(run, clock, count)

@@ -302,10 +302,10 @@ def test_a_new_certificate_needs_no_restart(
     caplog.set_level(logging.INFO, "framekit")
     cert, key = tmp_path / "mine.pem", tmp_path / "mine.key"
 
-    def put(one: Path, content: bytes) -> None:
-        new = one.with_suffix(".new")
+    def put(path: Path, content: bytes) -> None:
+        new = path.with_suffix(".new")
         new.write_bytes(content)
-        new.replace(one)
+        new.replace(path)
 
     async def check() -> None:
         put(cert, files.old[0].read_bytes())

@@ -528,9 +528,9 @@ int main(void)
 """
 
 
-def differences(c: CProtocol, asked: Iterable[tuple[str, bytes]]) -> list[str]:
+def differences(c: CProtocol, cases: Iterable[tuple[str, bytes]]) -> list[str]:
     """Return the frames and bytes that C and Python decode differently."""
-    pairs = list(dict.fromkeys(asked))
+    pairs = list(dict.fromkeys(cases))
     found = []
     answers = c.ask([f"d {identifier(frame)} x{data.hex()}" for frame, data in pairs])
     for (frame, data), answer in zip(pairs, answers, strict=True):
@@ -561,11 +561,11 @@ def agree(wanted: str, answer: str) -> bool:
     return place == len(theirs)
 
 
-def encoded_alike(c: CProtocol, asked: list[tuple[str, Mapping[str, Any]]]) -> list[str]:
+def encoded_alike(c: CProtocol, cases: list[tuple[str, Mapping[str, Any]]]) -> list[str]:
     """Return the frames and values that C and Python encode differently, or that only one of them refuses."""
     made = c.generated
     lines, wanted = [], []
-    for frame, values in asked:
+    for frame, values in cases:
         try:
             words = tokens(values, made.structs[frame], made)
         except (TypeError, ValueError, KeyError, AttributeError, OverflowError, packing.error):

@@ -43,7 +43,7 @@ def mixed(colour: tuple[int, ...], ground: tuple[int, ...], part: float) -> tupl
     return tuple(round(part * one + (1 - part) * other) for one, other in zip(colour, ground, strict=True))
 
 
-def contrast(one: tuple[int, ...], other: tuple[int, ...]) -> float:
+def contrast(first: tuple[int, ...], second: tuple[int, ...]) -> float:
     """Return the contrast ratio of two colours by the definition of WCAG 2."""
 
     def luminance(colour: tuple[int, ...]) -> float:
@@ -51,7 +51,7 @@ def contrast(one: tuple[int, ...], other: tuple[int, ...]) -> float:
         red, green, blue = (part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts)
         return 0.2126 * red + 0.7152 * green + 0.0722 * blue
 
-    dark, light = sorted((luminance(one), luminance(other)))
+    dark, light = sorted((luminance(first), luminance(second)))
     return (light + 0.05) / (dark + 0.05)
 
 
