@@ -20,6 +20,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.sections import Probe
 from framekit.definition.problems import Problem, parted
 from framekit.link.addresses import Address, AddressError, AddressGrammar
+from framekit.link.events import Seen
 
 HOST = "{host}"
 """The place of the host in the port of a scan of several hosts."""
@@ -56,6 +57,17 @@ class _ScannedLine:
 
     settings: ClientSettings
     line: str
+
+
+class _Heard:
+    """Count of frames and noise that have come from the line."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def take(self, seen: Seen) -> None:
+        """Count an event of the line."""
+        self.count += seen.direction == "in" and seen.kind in ("frame", "bad", "noise")
 
 
 class Scan:
@@ -140,16 +152,18 @@ class Scan:
 
     async def _on(self, place: _ScannedLine, within: float) -> AsyncIterator[FoundDevice]:
         """Yield the devices of one port with one setting of the line."""
-        async with AsyncClient(place.settings, open_within=within) as client:
+        heard = _Heard()
+        async with AsyncClient(place.settings, open_within=within, monitor=heard.take) as client:
             for station in self.stations:
                 began = time.monotonic()
-                answer, detail = await self._asked(client, station)
+                heard.count = 0
+                answer, detail = await self._asked(client, station, heard)
                 self.done += 1
                 if answer:
                     seconds = time.monotonic() - began
                     yield FoundDevice(place.settings.port, station, place.line, answer, detail, seconds)
 
-    async def _asked(self, client: AsyncClient, station: Any) -> tuple[str, str]:
+    async def _asked(self, client: AsyncClient, station: Any, heard: _Heard) -> tuple[str, str]:
         """Send the probe to a station; return the kind of its answer, '' for none, and the reason. Raises
         LineClosedError, RequestError.
         """
@@ -166,7 +180,7 @@ class Scan:
         except ReplyError as error:
             return "damaged", error.cause or str(error)
         except ExchangeError as error:
-            return "refuses", str(error)
+            return ("refuses", str(error)) if heard.count else ("", "")  # protocols name their own time-outs
         return "answers", ""
 
 
@@ -188,7 +202,8 @@ def _ports(port: str, hosts: Sequence[str]) -> list[str]:
             names.append(text)
             continue
         if network.num_addresses > MOST_HOSTS:
-            raise RequestError(f"{text} has {network.num_addresses:,} addresses, at most {MOST_HOSTS:,} are scanned")
+            count = f"{network.num_addresses:,}"
+            raise RequestError(f"{text} has {count} addresses – give a network of at most {MOST_HOSTS:,}")
         names += [f"[{host}]" if network.version == 6 else str(host) for host in network.hosts()]
     return [port.replace(HOST, name) for name in dict.fromkeys(names)]
 

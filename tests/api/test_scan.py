@@ -213,6 +213,14 @@ def test_a_device_that_refuses_the_probe_is_found(tmp_path: Path, monkeypatch: p
     assert (found.station, found.answer, found.line) == (3, "refuses", "19200 8E1") and "0x0002" in found.detail
 
 
+def test_a_time_out_with_an_outcome_of_the_protocol_is_no_device(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "far.device.yaml").write_text("device: far\nprotocol: snp\nstation: 'CD'\n", "utf-8")
+    assert framekit.scan("snp", "sim:far.device.yaml", stations=["AB"], params={"own_t2": "10 ms"}) == []
+
+
 def test_damaged_replies_are_told_from_good_ones(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     device = "device: far\nprotocol: modbus-rtu\nstation: 3\nfaults: {rules: [{fault: wrong_check}]}\n"

@@ -104,14 +104,17 @@ class WebBoard:
         return WebSession(self, access, who)
 
     async def go_on(self) -> None:
-        """Record the values at regular intervals, until the page ends."""
+        """Record the values at regular intervals, until the page ends.
+
+        The first interval is over when devices have the values of their behaviours, in place of zeros.
+        """
         try:
             while True:
+                await asyncio.sleep(HISTORY_EVERY)
                 try:
                     self.remember(time.time())
                 except Exception:
                     log.exception("web: the values are not remembered")
-                await asyncio.sleep(HISTORY_EVERY)
         finally:
             self.shown.end()
 
@@ -366,9 +369,11 @@ def _pieces(head: Message, key: str, rows: Mapping[Any, Any]) -> Iterator[Messag
 
 
 def _about(group: str, point: RunPoint) -> list[Any]:
-    """Return name, unit, place, description, whether the point is writable, its range, its words, and its group."""
+    """Return name, unit, place, description, whether it is writable, range, words, group, and numbers of the words."""
     name = f"{group}: {point.name}" if group else point.name
     place = point.place if point.place != point.name else ""
     limits = "" if point.range is None else f"{point.range[0]:g}..{point.range[1]:g}"
     words = list(point.names.values())
-    return [name, point.unit, place, point.about, point.is_writable, limits, words, group or point.group]
+    return [
+        name, point.unit, place, point.about, point.is_writable, limits, words, group or point.group, list(point.names),
+    ]  # fmt: skip

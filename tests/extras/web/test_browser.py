@@ -6,6 +6,7 @@ With FRAMEKIT_SCREENSHOTS set, the pictures of docs/images are made anew.
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -83,8 +84,8 @@ def test_points_are_filtered_grouped_and_drawn(tmp_path: Path) -> None:
     with browser() as page, program(tmp_path, "run", str(quick(tmp_path))) as (url, _):
         page.open(url)
         page.until(lambda: value(page, "level") not in ("", "–", "-"))
-        assert [row[5] for row in page.rows("points")] == ["good"] * 3
-        page.until(lambda: page.rows("points")[0][6].endswith(" s"))
+        assert [row[4] for row in page.rows("points")] == ["good"] * 3
+        page.until(lambda: page.rows("points")[0][5].endswith(" s"))
         page.type("#point-filter", "lev")
         page.until(lambda: [row[1] for row in page.rows("points")] == ["level"])
         page.type("#point-filter", "")
@@ -101,6 +102,43 @@ def test_points_are_filtered_grouped_and_drawn(tmp_path: Path) -> None:
         page.driver.switch_to.active_element.send_keys(keys.Keys.END, keys.Keys.ARROW_UP, keys.Keys.ENTER)
         page.until(lambda: "state" in page.run(f"return {legend}"))
         page.until(lambda: "uPlot 1.6.31" in page.text("#foot"))
+
+
+WIDE = """run: wide
+channels:
+  1: {port: "sim:meter.device.yaml", protocol: modbus-tcp, station: 1}
+  2: {port: "tcp://127.0.0.1:9", protocol: modbus-tcp, station: 1}
+points:
+  level: {channel: 1, address: "40001", unit: mm, decimals: 2, every: 100 ms}
+  state: {channel: 1, address: "40002", enum: {0: off, 2: heating}, access: rw, every: 100 ms}
+  outside: {channel: 2, address: "40001", unit: mm, every: 100 ms}
+"""
+
+
+@needs_chromium
+@needs_chart
+@pytest.mark.long
+def test_long_reasons_leave_all_columns_in_view_and_states_are_drawn_in_words(tmp_path: Path) -> None:
+    with (
+        browser() as page,
+        program(tmp_path, "run", str(written(tmp_path, WIDE)), trouble="framekit run: channel 2 was never open") as (
+            url,
+            _,
+        ),
+    ):
+        page.driver.set_window_size(1280, 1000)
+        page.open(url)
+        page.until(
+            lambda: any("no connection to 127.0.0.1:9: Connection refused" in row[4] for row in page.rows("points"))
+        )
+        page.until(lambda: page.text("#notices .count") == "1 now")
+        table = "const one = document.querySelector('#points .grid'); return [one.scrollWidth, one.clientWidth]"
+        assert len(set(page.run(table))) == 1
+        page.click_row("points", "state")
+        legend = "return [...document.querySelectorAll('.u-value')].map(one => one.textContent.trim())"
+        page.until(lambda: "heating" in page.run(legend))
+        page.until(lambda: [text for text in page.run(legend) if re.fullmatch(r"\d+\.\d\d mm", text)])
+        assert page.errors() == []
 
 
 @needs_chromium

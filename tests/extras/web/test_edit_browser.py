@@ -272,8 +272,8 @@ def test_new_files_are_made_from_templates_and_tried(tmp_path: Path) -> None:
         make(page, "run", "plant", "hall.device.yaml")
         page.until(lambda: "run: plant" in text(page) and page.text("#problems .pill") == "None")
         page.click("[data-tab=trial]")
-        page.until(lambda: page.driver.find_elements("css selector", "#trial button"))
-        page.click("#trial button")
+        press = "const one = document.querySelector('#trial button'); one?.click(); return Boolean(one)"
+        page.until(lambda: page.run(press))  # in one step: the panel is drawn again after each check
         page.until(lambda: "exchanges done" in page.text("#trial"))
         assert sorted(path.name for path in tmp_path.iterdir()) == ["hall.device.yaml", "lamp.yaml", "plant.run.yaml"]
         assert page.errors() == []

@@ -101,6 +101,21 @@ def test_a_simulated_device_of_a_run_is_shown_and_set(tmp_path: Path) -> None:
     pages.of_devices.shown.end()
 
 
+def test_the_history_begins_an_interval_after_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    board = Pages(tmp_path).of_devices
+    taken: list[int] = []
+
+    async def pause(seconds: float) -> None:
+        taken.append(board.history.taken)
+        if len(taken) == 2:
+            raise asyncio.CancelledError
+
+    monkeypatch.setattr(asyncio, "sleep", pause)
+    with pytest.raises(asyncio.CancelledError):
+        asyncio.run(board.go_on())
+    assert taken == [0, 1]
+
+
 def test_a_fault_of_a_simulated_device_reaches_the_run(tmp_path: Path) -> None:
     pages = Pages(tmp_path)
     session = pages.session()

@@ -1,7 +1,7 @@
 // Blocks and points of a file as tables: a changed cell asks the server for the edits of the text.
 import { element } from "./parts.js";
 
-const NARROW = new Set(["channel", "station", "count", "type", "scale", "unit", "every", "access"]);
+const NARROW = new Set(["type", "scale", "unit", "every", "access"]), NUMBERS = new Set(["channel", "station", "count"]);
 const TITLES = { blocks: "Blocks", points: "Points", values: "Points" };
 
 export class Tables {
@@ -53,7 +53,7 @@ export class Tables {
     const field = Object.assign(element("input", place), { value: text, disabled: !can, spellcheck: false, autocomplete: "off", title: text });
     field.setAttribute("aria-label", `${title} of ${row}`);
     field.dataset.cell = id;
-    if (keys.length === 1 && NARROW.has(keys[0])) field.className = "narrow";
+    if (keys.length === 1) field.className = NARROW.has(keys[0]) ? "narrow" : NUMBERS.has(keys[0]) ? "number" : "";
     if (choice) choice.disabled = !can;
     const send = () => {
       const now = choice ? choice.value : keys[0], value = field.value.trim();
@@ -71,7 +71,7 @@ export class Tables {
     const name = Object.assign(element("input", element("td", row)), { value: where.at(-1) === "blocks" ? free : "", placeholder: "new", size: 6 });
     name.setAttribute("aria-label", "name of the new row");
     const place = element("td", row), choice = keyChoice(place, keys, "", "kind of the new row", `${where.join(" ")} new kind`);
-    const field = Object.assign(element("input", place), { placeholder: title, spellcheck: false, autocomplete: "off" });
+    const field = Object.assign(element("input", place), { placeholder: "address", spellcheck: false, autocomplete: "off" });
     field.setAttribute("aria-label", `${title} of the new row`);
     field.dataset.cell = `${where.join(" ")} new`;
     const end = Object.assign(element("td", row), { colSpan: columns.length + 1 }), add = element("button", end);

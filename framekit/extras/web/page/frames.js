@@ -13,7 +13,7 @@ export class Frames {
     this.paused = false;
     const columns = [
       { title: "No.", look: "right muted" }, { title: "Time (s)", look: "right" }, { title: "Ch.", look: "right" }, { title: "", look: "way" },
-      { title: "Size", look: "right muted" }, { title: "Frame", look: "strong mark" }, { title: "Fields", look: "muted" },
+      { title: "Size", look: "right muted" }, { title: "Frame", look: "strong mark", widest: 24 }, { title: "Fields", look: "muted" },
     ];
     const picked = key => this.live.say({ frame: Number(key) });
     this.grid = new Grid(at("frames").querySelector(".grid"), columns, { picked, follows: true });
@@ -46,7 +46,7 @@ export class Frames {
       this.rows.push({ key: no, state: name.startsWith("! ") ? "bad" : "", cells: [no, time, channel, way, size, name, fields] });
     this.rows.splice(0, this.rows.length - KEPT);
     const [good, bad, noise] = what.counts, more = what.missed ? ` · ${count(what.missed)} more than are shown` : "";
-    at("frames").querySelector(".count").textContent = `${count(good)} good · ${count(bad)} bad · ${many(noise, "time")} noise${more}`;
+    at("frames").querySelector(".count").textContent = `${count(good)} good · ${count(bad)} bad · ${count(noise)} noise${more}`;
     this.grid.rows = this.rows;
     changed(this.grid);
   }

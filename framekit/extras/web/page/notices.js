@@ -1,7 +1,7 @@
 // Trouble at the top of the page: it stays, also when it is over, until the user says that it has been seen.
 import { at } from "./shell.js";
 import { element } from "./parts.js";
-import { clock, first, many } from "./words.js";
+import { clock, first } from "./words.js";
 
 const SEEN = "framekit-seen";
 let notices = [], run = "";
@@ -26,7 +26,8 @@ export function takeNotices(list) {
 function draw() {
   const fresh = notices.filter(([number]) => number > seen()).reverse(), lasting = fresh.filter(notice => notice[3] === null);
   at("notices").hidden = !fresh.length;
-  at("notices").querySelector(".count").textContent = `${many(fresh.length, "notice")}, ${lasting.length || "none"} of them now`;
+  const over = fresh.length - lasting.length, counts = [lasting.length && `${lasting.length} now`, over && `${over} over`];
+  at("notices").querySelector(".count").textContent = counts.filter(Boolean).join(", ");
   at("notices").querySelector("ul").replaceChildren(...fresh.map(([, text, began, ended]) => {
     const line = document.createElement("li"), pill = element("span", line);
     pill.className = `pill ${ended === null ? "bad" : "good"}`;

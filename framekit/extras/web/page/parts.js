@@ -3,10 +3,11 @@
 import { sparkline } from "./draw.js";
 
 const ROW = 30, TALLEST = 361, WIDEST = 48, WIDEST_LAST = 100;
-const KINDS = { spark: "16ch", button: "11ch" };
+const KINDS = { spark: "14ch", button: "9ch" };
 
 export class Grid {
-  // `columns`: {title, look, kind} of each; kind "spark" draws the numbers of a row, kind "button" has a button.
+  // `columns`: {title, look, kind, name, widest} of each; kind "spark" draws the numbers of a row, kind "button" has a
+  // button. `name`: the column can be hidden; `widest`: the most characters that widen it.
   // Rows: {key, state, cells, numbers, drawn, group}; a row with `group` is a head of the rows below it.
   // `picked(key)`: a row was chosen. `marked(key)`: the number of its colour, or -1. `button`: {text, shown, pressed}.
   // `follows`: the table stays at its last row, until the user scrolls away from there.
@@ -22,7 +23,7 @@ export class Grid {
     this.texts = columns.map((_, at) => at).filter(at => !columns[at].kind);
     columns.forEach(({ kind }, at) => { if (kind) this.bars[at].style.width = KINDS[kind]; });
     for (const { title, look, kind } of columns)
-      Object.assign(element("th", top), { textContent: title, className: kind ? `for-${kind}` : look?.includes("right") ? "right" : "", scope: "col" });
+      Object.assign(element("th", top), { textContent: title, className: kind ? `for-${kind}` : look ?? "", scope: "col" });
     this.before = element("td", element("tr", element("tbody", table)));
     this.body = element("tbody", table);
     this.after = element("td", element("tr", element("tbody", table)));
@@ -35,18 +36,19 @@ export class Grid {
     this.body.addEventListener("click", event => this.click(event));
   }
 
-  // Hides the columns of a kind, or shows them.
-  hide(kind, yes) {
-    this.columns.forEach((column, at) => { if (column.kind === kind) this.bars[at].style.width = yes ? "0" : KINDS[kind]; });
-    this.place.classList.toggle(`no-${kind}`, yes);
+  // Hides the columns of a kind or a name, or shows them.
+  hide(which, yes) {
+    this.columns.forEach(({ kind, name }, at) => { if (kind === which || name === which) this.bars[at].hidden = yes; });
+    this.place.classList.toggle(`no-${which}`, yes);
   }
 
   measure(cells) {
     cells.forEach((text, at) => {
-      const length = Math.min(at === cells.length - 1 ? WIDEST_LAST : WIDEST, text.length);
+      const { widest = at === cells.length - 1 ? WIDEST_LAST : WIDEST } = this.columns[this.texts[at]];
+      const length = Math.min(widest, text.length);
       if (length > (this.widths[at] ?? -1)) {
         this.widths[at] = length;
-        this.bars[this.texts[at]].style.width = `${length + 3}ch`;
+        this.bars[this.texts[at]].style.width = `${length + around(this.columns[this.texts[at]])}ch`;
       }
     });
   }
@@ -72,8 +74,10 @@ export class Grid {
 
   line() {
     const row = element("tr", this.body), line = { row, cells: [], texts: [] };
-    for (const { kind, look } of this.columns) {
+    for (const column of this.columns) {
+      const { kind, look, widest } = column;
       const cell = Object.assign(element("td", row), { className: kind ? `for-${kind}` : look ?? "" });
+      if (widest) cell.style.maxWidth = `${widest + around(column)}ch`;
       if (kind === "spark") line.canvas = Object.assign(element("canvas", cell), { width: 200, height: 40 });
       else if (kind === "button") line.button = Object.assign(element("button", cell), { textContent: this.button.text });
       else line.cells.push(cell);
@@ -95,7 +99,7 @@ export class Grid {
       const text = what.cells[at] ?? "";
       if (line.texts[at] === text) return;
       cell.textContent = line.texts[at] = text;
-      cell.title = text.length > 24 ? text : "";
+      cell.title = text.length > (this.columns[this.texts[at]].widest ?? 24) ? text : "";
     });
     if (line.canvas) line.canvas.hidden = Boolean(what.group);
     if (line.canvas && !what.group && (line.what !== what || !what.drawn)) {
@@ -143,6 +147,9 @@ export class Grid {
     this.draw();
   }
 }
+
+// The padding of a column of texts in digits; letters may be wider than digits.
+const around = ({ look }) => look?.includes("right") ? 2 : 3;
 
 // Draws tables together, once for each frame of the screen.
 const dirty = new Set();

@@ -5,19 +5,19 @@ import { at, onTheme } from "./shell.js";
 import { age, value } from "./words.js";
 import { ask } from "./actions.js";
 
-const MOST_ASKED = 64;
+const MOST_ASKED = 64, WIDEST_QUALITY = 16;
 
 export class Points {
   // `live`: the connection; `picked(key)`: a point was chosen; `marked(key)`: the number of its colour, or -1.
   // `behaves`: the points are values of devices, which behave instead of being good and having an age.
   constructor(live, { picked, marked, behaves = false }) {
     Object.assign(this, { live, behaves, list: [] });
-    const past = { title: "Last minute", kind: "spark" };
+    const past = { title: "Last minute", kind: "spark" }, write = { title: "", kind: "button" };
     const columns = [
-      { title: behaves ? "Value of" : "Point", look: "strong" }, { title: "Value", look: "right" }, { title: "Unit", look: "muted" },
-      { title: "", kind: "button" },
-      ...(behaves ? [past, { title: "Behaviour", look: "muted" }]
-        : [{ title: "Quality", look: "quality" }, { title: "Age", look: "right muted" }, past]),
+      { title: behaves ? "Value of" : "Point", look: "strong" }, { title: "Value", look: "right" },
+      { title: "Unit", look: "muted unit", name: "unit" },
+      ...(behaves ? [past, write, { title: "Behaviour", look: "muted" }]
+        : [{ title: "Quality", look: "quality", widest: WIDEST_QUALITY }, { title: "Age", look: "right muted" }, past, write]),
     ];
     const button = { text: "Write", shown: row => row.writable, pressed: key => this.write(key) };
     this.grid = new Grid(at("points").querySelector(".grid"), columns, { picked, marked, button });
@@ -29,11 +29,12 @@ export class Points {
   // `behaviours`: sentences by the names of points.
   begin(described, behaviours = new Map()) {
     this.list.length = 0;
-    described.forEach(([name, unit, place, about, writable, range, words, group], key) => this.list.push({
-      key, name, unit, place, about, writable, range, words, of: group, behaviour: behaviours.get(name) ?? "",
+    described.forEach(([name, unit, place, about, writable, range, words, group, codes], key) => this.list.push({
+      key, name, unit, place, about, writable, range, words, codes, of: group, behaviour: behaviours.get(name) ?? "",
       state: "stale", cells: [name, "–", unit, "", ""].slice(0, this.behaves ? 4 : 5), numbers: [], number: null,
     }));
     this.grid.hide("button", !this.list.some(point => point.writable));
+    this.grid.hide("unit", !this.list.some(point => point.unit));
     this.groups = [...new Set(this.list.map(point => point.of))];
     const select = at("group"), before = select.value;
     select.replaceChildren();

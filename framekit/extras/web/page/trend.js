@@ -3,11 +3,12 @@
 import { ink } from "./draw.js";
 import { element } from "./parts.js";
 import { at, onTheme } from "./shell.js";
-import { count } from "./words.js";
+import { count, value } from "./words.js";
 
 const MOST = 6, LEFT = 52, HIGH = 361, KEPT = 3600, MEMORY = 600, AXIS = 26;
 const SPANS = [[60, "1 min"], [300, "5 min"], [600, "10 min"]];
 const STORED = [[3600, "1 h"], [86400, "24 h"], [604800, "7 d"]];
+const MOST_CODES = 8, LONGEST_WORD = 8;
 const AGAIN = 10000, FONT = "11px system-ui, sans-serif";
 
 export class Trend {
@@ -107,6 +108,7 @@ export class Trend {
     const lanes = Map.groupBy(this.chosen, key => this.points.list[key].unit || key), high = (HIGH - AXIS) / lanes.size;
     for (const keys of lanes.values()) this.lanes.push(this.lane(this.points.list[keys[0]].unit, keys, high, this.lanes.length === lanes.size - 1));
     this.follow();
+    queueMicrotask(() => this.follow());  // a new chart clears its values once
   }
 
   lane(unit, keys, high, is_last) {
@@ -118,10 +120,10 @@ export class Trend {
       padding: [6, 30, is_last ? 0 : 8, 0],
       cursor: { y: false, sync: { key: "trend" }, points: { size: 6 }, drag: { x: true, y: false } },
       legend: { markers: { width: 0, fill: (_, number) => colour(keys[number - 1]) } },
-      scales: { x: { time: true }, y: { range: (_, low, top) => limits(low, top) } },
+      scales: { x: { time: true }, y: { range: (_, low, top) => limits(low, top, this.codes(keys)) } },
       axes: [
         { ...axis, size: is_last ? AXIS : 0, space: 80, values: (_, ticks) => ticks.map(tick => is_last ? this.time(tick) : "") },
-        { ...axis, size: LEFT, space: high > 150 ? 40 : 18, values: (_, ticks) => ticks.map(count) },
+        { ...axis, size: LEFT, space: high > 150 ? 40 : 18, ...this.marks(keys) },
       ],
       series: [{}, ...keys.map(key => this.series(key, unit, colour))],
       hooks: { setSelect: [one => this.selected(one)] },
@@ -132,11 +134,30 @@ export class Trend {
 
   series(key, unit, colour) {
     const { name, words } = this.points.list[key];
-    const spoken = number => number === null || number === undefined ? "–" : `${words.length ? number : +number.toPrecision(6)} ${unit}`;
+    const spoken = number => number === null || number === undefined ? "–" : `${this.spoken(key, number)} ${unit}`;
     return {
       label: name, stroke: () => colour(key), width: 1.75, points: { show: false }, spanGaps: false,
       paths: words.length ? window.uPlot.paths.stepped({ align: 1 }) : undefined, value: (_, number) => spoken(number),
     };
+  }
+
+  // The numbers that have words, of a lane with a single point that has few of them.
+  codes(keys) {
+    const { codes } = this.points.list[keys[0]];
+    return keys.length === 1 && codes.length <= MOST_CODES ? codes : [];
+  }
+
+  // The marks of the axis of values: words for states, else numbers.
+  marks(keys) {
+    const codes = this.codes(keys), word = code => short(this.spoken(keys[0], code));
+    return codes.length ? { splits: () => codes, values: (_, ticks) => ticks.map(word) } : { values: (_, ticks) => ticks.map(count) };
+  }
+
+  // A number as the table shows it: its word, or as many decimals.
+  spoken(key, number) {
+    const { words, codes, text } = this.points.list[key], decimals = /^-?\d+\.(\d{1,6})$/.exec(text ?? "");
+    if (words.length) return words[codes.indexOf(number)] ?? number;
+    return decimals ? value(number.toFixed(decimals[1].length), number) : +number.toPrecision(6);
   }
 
   time(seconds) {
@@ -178,7 +199,12 @@ export class Trend {
   }
 }
 
-function limits(low, high) {
+// A word that fits beside the axis.
+const short = word => String(word).length > LONGEST_WORD ? `${String(word).slice(0, LONGEST_WORD - 1)}…` : word;
+
+// The limits of an axis: a margin around the numbers, and around the states if they have words.
+function limits(low, high, codes) {
+  if (codes.length) return [Math.min(...codes, low ?? Infinity) - 0.2, Math.max(...codes, high ?? -Infinity) + 0.2];
   if (low === null) return [0, 1];
   return low === high ? [low - 1, high + 1] : window.uPlot.rangeNum(low, high, 0.1, false);
 }
