@@ -120,7 +120,7 @@ class RunPoint:
 
     @property
     def names(self) -> Mapping[int, str]:
-        """Return the words for its numbers."""
+        """Return its value names by number."""
         return self._point.names
 
     @property

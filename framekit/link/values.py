@@ -285,7 +285,7 @@ def _undo(operator: str, unknown_left: bool) -> Undo:
 
 
 def quotient(result: int, other: int) -> int:
-    """Return what gives `result` when it is multiplied. Raise NotReadableError."""
+    """Return the factor by which `other` gives `result`. Raises NotReadableError if it is not a whole number."""
     if other == 0 or result % other:
         raise NotReadableError(f"{result} is no multiple of {other}")
     return result // other

@@ -68,7 +68,7 @@ def cycle_starts(cycles: Sequence[Cycle]) -> dict[tuple[int, int], tuple[float, 
 
 
 class _Play:
-    """Simulates blocks that start in their cycles or after one another, and only take their time."""
+    """Simulates blocks that start by cycle or after another block; each exchange takes its fixed duration."""
 
     def __init__(self, cycles: Sequence[Cycle]) -> None:
         numbers = {block.id for block, _, _ in cycles}

@@ -95,7 +95,7 @@ def test_the_source_grows_with_the_definition(shape: str) -> None:
 
 
 def test_many_cases_are_told_apart() -> None:
-    """More cases than names that each case lists by itself."""
+    """The number of cases exceeds the limit up to which each case lists the names of the others."""
     codec = compile_protocol(load_protocol_text(definition("cases whose records are read", 40)))
     values = {"a": 39, "r39": {"x": 7}}
     assert codec.decode("f", codec.encode("f", values, {}), {}) == values

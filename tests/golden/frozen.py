@@ -190,14 +190,14 @@ def damaged_each() -> int:
 
 
 @cache
-def found_in(one: Shipped, name: str, part: str, count: int) -> tuple[str, str]:
+def found_in(shipped: Shipped, name: str, part: str, count: int) -> tuple[str, str]:
     """Return the faults of damaged frames, and their messages."""
-    choose, names, samples = Random(f"{one.name} {name} {part}"), one.names(name), one.frames[name]
+    choose, names, samples = Random(f"{shipped.name} {name} {part}"), shipped.names(name), shipped.frames[name]
     found, words = [], []
     for _ in range(count):
         data = damaged(choose.choice(samples), choose)
-        measured = _measured(one, name, data, names)
-        what, message = _decoded(one, name, data, names)
+        measured = _measured(shipped, name, data, names)
+        what, message = _decoded(shipped, name, data, names)
         found.append(f"{data.hex(' ')}\n  measure {measured}, {what}\n")
         words.append(f"{data.hex(' ')}\n  {message}\n" if message else "")
     return "".join(found), "".join(words)
@@ -212,9 +212,9 @@ def _measured(shipped: Shipped, name: str, data: bytes, names: Names) -> str:
     return {codec.QUIET: "QUIET", codec.LOST: "LOST"}.get(size, str(size))
 
 
-def _decoded(one: Shipped, name: str, data: bytes, names: Names) -> tuple[str, str]:
+def _decoded(shipped: Shipped, name: str, data: bytes, names: Names) -> tuple[str, str]:
     try:
-        return f"good {one.codec.frames[name].decode(data, names)!r}", ""
+        return f"good {shipped.codec.frames[name].decode(data, names)!r}", ""
     except FrameError as error:
         refusal = "" if error.refuse is None else f" refused with {error.refuse:#x} {dict(error.fields)!r}"
         where = f"{error.cause} {error.segment or '-'} at {error.offset}"
@@ -282,19 +282,19 @@ def streams(shipped: Shipped) -> Iterator[Case]:
             yield Case(f"capture/{kind}/{number}", partial(_heard, shipped, kind, number), number < 2)
 
 
-def _stream_text(one: Shipped, kind: str, number: int) -> str:
-    choose = Random(f"{one.name} {number}")
-    data, expected = stream(one, choose), choose.choice(list(expectations(one)))
-    choose = Random(f"{one.name} {kind} {number}")
+def _stream_text(shipped: Shipped, kind: str, number: int) -> str:
+    choose = Random(f"{shipped.name} {number}")
+    data, expected = stream(shipped, choose), choose.choice(list(expectations(shipped)))
+    choose = Random(f"{shipped.name} {kind} {number}")
     if kind == "noise":
-        return received(one, cut(noise(one, choose), choose, 700), expected, choose)
+        return received(shipped, cut(noise(shipped, choose), choose, 700), expected, choose)
     pieces = [data] if kind == "whole" else cut(data, choose, 24)
-    return received(one, pieces, expected, choose, kind == "strange")
+    return received(shipped, pieces, expected, choose, kind == "strange")
 
 
-def _heard(one: Shipped, kind: str, number: int) -> str:
-    choose = Random(f"{one.name} {number}")
-    return heard(one, stream(one, choose) + noise(one, choose), "in" if kind == "client" else None, choose)
+def _heard(shipped: Shipped, kind: str, number: int) -> str:
+    choose = Random(f"{shipped.name} {number}")
+    return heard(shipped, stream(shipped, choose) + noise(shipped, choose), "in" if kind == "client" else None, choose)
 
 
 def expectations(shipped: Shipped) -> Iterator[tuple[tuple[str, ...], tuple[str, ...]]]:
@@ -393,14 +393,14 @@ def shown(seen: Seen) -> str:
 # ---- conversations ----------------------------------------------------------------------------------------
 
 
-def conversations(one: Shipped) -> Iterator[Case]:
+def conversations(shipped: Shipped) -> Iterator[Case]:
     """Yield a case for each conversation of the vectors: the monitor output of the tested side, in order."""
-    file = find_definition(f"{one.name}.vectors.yaml", FRAMES)
+    file = find_definition(f"{shipped.name}.vectors.yaml", FRAMES)
     known: dict[str, int] = {}
     for number, case in enumerate(load_vectors(file).conversations if file is not None else ()):
         known[case.name] = again = known.get(case.name, 0) + 1
         title = case.name if again == 1 else f"{case.name} ({again})"
-        yield Case(f"conversation/{title}", partial(_trace, one, case), number % 20 == 0)
+        yield Case(f"conversation/{title}", partial(_trace, shipped, case), number % 20 == 0)
 
 
 def _trace(shipped: Shipped, case: Conversation) -> str:

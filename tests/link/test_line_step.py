@@ -28,7 +28,7 @@ BLOCK = b"1.8.0(00042)\r\n"
 OWN = parse_format("7E1", 300)
 
 
-class One:
+class LineSide:
     """A side of the line: an engine on a port."""
 
     def __init__(self, role: str, port: Port, clock: Clock, text: str = MODE_C, **params: Any) -> None:
@@ -58,8 +58,8 @@ class World:
     def __init__(self, text: str = MODE_C, meter: str = MODE_C, **params: Any) -> None:
         self.clock = VirtualClock()
         self.line = SimulatedLine(self.clock, OWN, full_duplex=False)
-        self.meter = One("meter", self.line.port("meter"), self.clock, meter, **params)
-        self.client = One("client", self.line.port("client"), self.clock, text)
+        self.meter = LineSide("meter", self.line.port("meter"), self.clock, meter, **params)
+        self.client = LineSide("client", self.line.port("client"), self.clock, text)
         self.clock.run_for(MS)
 
     def read(self) -> Outcome:
@@ -200,8 +200,8 @@ def test_over_real_pseudo_terminals() -> None:
     async def scenario() -> None:
         clock = AsyncioClock(asyncio.get_running_loop())
         with PtyPair() as pair:
-            meter = One("meter", open_port(pair.first, OWN, clock), clock)
-            client = One("client", open_port(pair.second, OWN, clock), clock)
+            meter = LineSide("meter", open_port(pair.first, OWN, clock), clock)
+            client = LineSide("client", open_port(pair.second, OWN, clock), clock)
             looks = {
                 side: os.open(path, os.O_RDWR | os.O_NOCTTY) for side, path in enumerate((pair.first, pair.second))
             }

@@ -47,7 +47,7 @@ class DeferredCall:
 
 
 class StalledClock:
-    """The clock of the client: that of the world, but for stalls.
+    """The clock of the client: the clock of the world with added stalls.
 
     `reads_first`: after a stall the loop reads the ports before it makes the calls that came due; else afterwards.
     """

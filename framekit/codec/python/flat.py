@@ -110,7 +110,7 @@ class FusedFrames:
         return _put_in(_counting_in(segments, inner, parts), inner, inside)
 
     def _is_told(self, inner: Inner, size: Expression, segments: tuple[Segment, ...]) -> bool:
-        """Return whether a size is a length that counts the frame, minus the size of the other segments it counts."""
+        """Return whether the size of the inner frame follows from a length over it and other segments of fixed size."""
         root, less = _without_number(size.root)
         named = {one.name: one for one in segments if one.name is not None}
         length = named.get(root.name) if isinstance(root, Name) else None

@@ -266,7 +266,7 @@ def quoted(text: str) -> str:
 
 
 def _escaped(text: str) -> str:
-    """Return the text as between double quotes, with quotes and the characters that `repr` escapes escaped."""
+    """Return the text with escapes for a literal in double quotes: of quotes, and of characters that `repr` escapes."""
     return printable(text.replace("\\", "\\\\").replace('"', '\\"'))
 
 

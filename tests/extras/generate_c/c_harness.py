@@ -757,17 +757,17 @@ def streams_of(c: CProtocol, side: str, seed: int, noisy: bool, count: int = 6) 
 
 def stream_trial(c: CProtocol, seed: int, noisy: bool, count: int = 6) -> tuple[list[str], int]:
     """Return the streams in which the C parser and the receiver find different frames, and the number of streams."""
-    found, count_ = [], 0
+    found, stream_count = [], 0
     for side in ("client", "server"):
         streams = streams_of(c, side, seed, noisy, count)
-        count_ += len(streams)
+        stream_count += len(streams)
         at_once = found_by_c(c, side, streams, 70000)
         for data, theirs, one_by_one in zip(streams, at_once, found_by_c(c, side, streams, 1), strict=True):
             assert theirs == one_by_one, data.hex(" ")
             ours = found_by_python(c, side, data)
             if ours != theirs:
                 found.append(f"{side} {data.hex(' ').upper()}: Python {ours}, C {theirs}"[:900])
-    return found, count_
+    return found, stream_count
 
 
 def trial(c: CProtocol, seed: int, samples: int = 6, changes: int = 12) -> list[str]:
