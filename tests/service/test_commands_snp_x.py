@@ -119,3 +119,20 @@ def test_what_the_slave_refuses(tmp_path: Path) -> None:
 
 def test_nobody_may_wait(world: CommandWorld) -> None:
     assert world.do(7101, *ID, 0, R, 1, 1, R, 100, wait=1, longest=60000) == 0x010C
+
+
+def test_the_address_of_the_x_status_bits_of_the_own_slave(tmp_path: Path) -> None:
+    device = "station: 47 00 00 00 00 00 00 00\n"  # another slave of the line
+    settings = ", role: slave, own: 41 42 43 44 45 46 00 00, params: {status_bits: cmm}"
+    world = CommandWorld(tmp_path, "snp-x", device, settings)
+    scope = world.service.channels[1].engine.scope
+    assert world.do(7003, 76, 9) == 1
+    assert (scope["bits_type"], scope["bits_address"]) == (76, 9)
+    assert world.do(7003, R, 9) == 0x060C
+    assert world.do(7003, 76, 0) == 0x070C
+    assert world.do(7003, 0, 0) == 1, "none"
+    assert scope["bits_type"] == 0
+
+
+def test_a_master_has_no_x_status_bits(world: CommandWorld) -> None:
+    assert world.do(7003, 76, 9) == 0x020C
