@@ -82,8 +82,15 @@ _ONE_EXCHANGE = ("read", "write", "call", "scan")
 
 
 def option_meant(verb: str, option: str, known: Collection[str]) -> str:
-    """Return the hint for an option of another program, or '' if it names no option of the verb. `known`: those."""
-    hint = OPTIONS_MEANT.get(option) or LETTERS_MEANT.get(option, "")
+    """Return the hint for an option of another program, or '' if it names no option of the verb. `known`: those.
+
+    A letter may have its value attached, as in `-a1`.
+    """
+    hint = OPTIONS_MEANT.get(option, "")
+    if not hint and re.match(r"-[A-Za-z](\d|$)|-[01]$", option):
+        hint = LETTERS_MEANT.get(option[:2], "")
+    if verb == "scan" and (hint or f"write {option}").startswith("write --port"):
+        return "write the port first: framekit scan PORT PROTOCOL"
     named = re.match(r"write (-\S+?)(?=[ ,]|$)", hint)
     if named is None:
         return hint if verb in _ONE_EXCHANGE else ""

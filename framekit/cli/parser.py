@@ -13,15 +13,15 @@ from typing import Any, NoReturn
 
 from framekit import __version__
 from framekit.cli.common import WordsError, print_error_data
-from framekit.cli.verb_table import VERBS, examples_text, overview
+from framekit.cli.verb_table import VERBS, examples_of, examples_text, overview
 from framekit.definition import PATH_VARIABLE, ROOT_VARIABLE
 
 _MESSAGES = (
     (r"^argument (\S+): invalid int value: ('.*')$", r"\1: \2 is not a whole number – write digits, such as 10"),
     (r"^argument (\S+): invalid float value: ('.*')$", r"\1: \2 is not a number – write digits, such as 2.5"),
-    (r"^argument (\S+): expected one argument$", r"\1 has no value – write one behind it"),
+    (r"^argument (\S+): expected one argument$", r"\1 has no value – write it after \1"),
     (r"^the following arguments are required: VERB$", r"missing: VERB – framekit --help lists the verbs"),
-    (r"^the following arguments are required: (.*)$", r"missing: \1 – add what is meant"),
+    (r"^the following arguments are required: (.*)$", r"missing: \1"),
 )
 """Messages of argparse, and the same in the words of framekit."""
 _NO_VERB = r"argument VERB: invalid choice: '(?P<word>[^']*)'"
@@ -84,6 +84,8 @@ class Parser(argparse.ArgumentParser):
         is_missing = message.startswith("the following arguments are required")
         for pattern, own_words in _MESSAGES:
             message = re.sub(pattern, own_words, message)
+        if is_missing and self.verb:
+            message += f" – for example: {examples_of(self.verb)[0]}"
         if is_missing and (unknown := self._unknown(self.words)):  # perhaps the missing one, misspelt
             message = "; ".join([*unknown, message])
         match = re.search(_CHOICE, message)
@@ -95,7 +97,7 @@ class Parser(argparse.ArgumentParser):
             message += f" – {near}" if near else ""
         if self.tells_json:
             print_error_data({"error": WordsError.kind, "message": message})
-        if message.startswith("there is no "):  # the remedy alone, without the usage
+        if is_missing or message.startswith("there is no "):  # the remedy alone, without the usage
             self.exit(2, f"{self.prog}: error: {message}\n")
         super().error(message)
 

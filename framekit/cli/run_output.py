@@ -47,7 +47,7 @@ from framekit.definition.problems import plural
 from framekit.definition.times import format_time, milliseconds
 
 if TYPE_CHECKING:
-    from framekit import BlockStatus
+    from framekit import BlockStatus, Seen
     from framekit.api.check import BlockLoad, ChannelLoad
     from framekit.api.run import (
         Block,
@@ -279,13 +279,21 @@ class RunOutput:
         """Print everything that was seen and is not printed yet."""
         records = self.tape.take()
         if not self.with_frames:
-            records = [record for record in records if len(record) == 2 and record[1].kind not in FRAMES]
+            records = [
+                record
+                for record in records
+                if len(record) == 2 and record[1].kind not in FRAMES and self.is_news(record[0], record[1])
+            ]
         lines = list(self.lines(records)) if records else []
         if self._values is not None and (changes := self._values.take()):
             timed = [*zip(map(_time_of, records), lines, strict=True), *self.value_lines(self._values, changes)]
             lines = [line for _, line in sorted(timed, key=itemgetter(0))]
         if lines:
             put("\n".join([*lines, ""]))
+
+    def is_news(self, channel: int, seen: Seen) -> bool:
+        """Return whether an event is shown in an output without frames."""
+        return True
 
     def lines(self, records: list[Record]) -> Iterable[str]:
         """Return a line for each record."""
@@ -354,6 +362,13 @@ def put(text: str) -> None:
 class TextOutput(RunOutput):
     """A line for each change of a value, or a table of the values on a terminal; the counters at the end."""
 
+    def __init__(
+        self, run: RunModel, loads: tuple[ChannelLoad, ...] = (), *, with_frames: bool = False, quiet: bool = False
+    ) -> None:
+        super().__init__(run, loads, with_frames=with_frames, quiet=quiet)
+        self._states: dict[int, tuple[str, str]] = {}
+        """Whether the port of each channel is open, and why it is not."""
+
     def watches(self, run: RunCalls) -> None:
         super().watches(run)
         live, values = self.live, self._values
@@ -364,6 +379,14 @@ class TextOutput(RunOutput):
 
     def value_lines(self, values: ValueChanges, changes: list[Change]) -> Iterable[tuple[int, str]]:
         return () if self._has_table else values.lines(changes)
+
+    def is_news(self, channel: int, seen: Seen) -> bool:
+        """Return False for another failure to open the port of a channel, for the same reason."""
+        if seen.kind not in ("open", "closed"):
+            return True
+        before = self._states.get(channel)
+        self._states[channel] = seen.kind, seen.reason
+        return seen.kind == "open" or before != self._states[channel]
 
     def lines(self, records: list[Record]) -> Iterable[str]:
         began, as_ascii = self.run_at_work.began, self.as_ascii

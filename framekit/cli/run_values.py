@@ -26,6 +26,9 @@ MOST_NAMED = 3
 REFRESH = 250_000_000
 """Period (ns) of the table."""
 TABLE_HEAD = ("point", "value", "unit", "quality", "changed")
+QUALITY = TABLE_HEAD.index("quality")
+SHORTEST_QUALITY = 12
+"""Column of quality and reason, and the fewest characters that it has."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,9 +153,9 @@ class ValueTable:
 
     def _draw(self) -> None:
         """Draw the present values, as many as the terminal has room for."""
-        _, height = shutil.get_terminal_size()
+        width, height = shutil.get_terminal_size()
         most = max(1, height - 5)
-        rows = self._changes.rows(most)
+        rows = _fitting(self._changes.rows(most), width)
         head, *lines = table(rows, TABLE_HEAD).split("\n")
         lines = [
             harmless(line) if row[3] == "good" else painted(harmless(line), "red", self._stream.stream)
@@ -162,6 +165,16 @@ class ValueTable:
             lines.append(f"… and {plural(len(self._run.points) - most, 'more point')}: --screen shows all")
         title = f"run {printable(self._run.run.name)}, {(self._run.now - self._run.began) / 1e9:.0f} s – Ctrl-C ends it"
         self._stream.draw([title, "", head, *lines])
+
+
+def _fitting(rows: list[tuple[str, ...]], width: int) -> list[tuple[str, ...]]:
+    """Return the rows of the table with reasons that are short enough for the other columns to be in view."""
+    widths = [max(map(len, column)) for column in zip(TABLE_HEAD, *rows, strict=True)]
+    room = max(SHORTEST_QUALITY, width - sum(widths) + widths[QUALITY] - 2 * (len(widths) - 1))
+    found = []
+    for *before, quality, changed in rows:
+        found.append((*before, quality if len(quality) <= room else f"{quality[: room - 1]}…", changed))
+    return found
 
 
 def draws(stream: Any) -> bool:

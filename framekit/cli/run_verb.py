@@ -106,7 +106,9 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quiet", action="store_true", help="show nothing but troubles")
     parser.add_argument("--status", action="store_true", help="show the status of channels and blocks at the end")
     parser.add_argument(
-        "--status-every", metavar="TIME", help="show the status of channels and blocks so often; SIGUSR1 shows it once"
+        "--status-every",
+        metavar="TIME",
+        help="show the status of channels and blocks at this interval; SIGUSR1 shows it once",
     )
     add(parser, "--log", "--json")
 

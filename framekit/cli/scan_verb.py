@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from typing import TYPE_CHECKING
 
 from framekit.cli.common import (
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 
 HEAD = ("port", "line", "station", "answer", "time")
 """Columns of the table; without `--hosts` it has no ports."""
+PORT_FIRST = r"/dev/|COM\d|[a-z][a-z0-9-]+:"
+"""The begin of a port, but not of the name or the file of a protocol."""
 
 
 def add_scan_arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,6 +55,8 @@ def run_scan(arguments: argparse.Namespace) -> int:
     from framekit.api.scan import Scan, stations_of
     from framekit.cli.common import load
 
+    if re.match(PORT_FIRST, arguments.protocol) and not re.match(PORT_FIRST, arguments.port):
+        raise WordsError(f"write the port first: framekit scan {arguments.protocol} {arguments.port}")
     protocol = load(arguments.protocol)
     with in_words():
         scan = Scan(

@@ -95,7 +95,7 @@ def add_serve_arguments(parser: argparse.ArgumentParser) -> None:
     add(parser, "--screen")
     add_web(parser)
     parser.add_argument(
-        "--status-every", metavar="TIME", help="show what was served and refused so often; SIGUSR1 shows it once"
+        "--status-every", metavar="TIME", help="show the counts of requests at this interval; SIGUSR1 shows them once"
     )
     add(parser, "--capture", "--log", "--json")
 

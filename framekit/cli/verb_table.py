@@ -14,7 +14,7 @@ _CORE: dict[str, dict[str, Verb]] = {
         "test": Verb("run the vectors of a definition", "framekit.cli.definition_verbs", uses_cache=False),
         "frames": Verb("list protocols, frames and fields", "framekit.cli.definition_verbs"),
         "encode": Verb("make the bytes of a frame", "framekit.cli.definition_verbs"),
-        "decode": Verb("tell which frame some bytes are, and its fields", "framekit.cli.decode_verb"),
+        "decode": Verb("show which frame some bytes are, and its fields", "framekit.cli.decode_verb"),
         "import": Verb(
             "make a definition or points of a file of another program", "framekit.cli.file_verbs", uses_cache=False
         ),

@@ -20,11 +20,11 @@ USUAL = "127.0.0.1:8040"
 def add_web(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--web", nargs="?", const=USUAL, metavar="ADDRESS:PORT", type=_no_file,
-        help=f"show a page in the browser, at {USUAL} unless said, port 0 for a free one; needs the extra 'web'",
+        help=f"show a page in the browser; default: {USUAL}, port 0 takes a free one; needs the extra 'web'",
     )  # fmt: skip
     parser.add_argument(
         "--web-token", metavar="env:NAME|file:NAME",
-        help="where the token stands with which the page fires and writes; without it one is made and told",
+        help="variable or file with the token for firing and writing; default: a new token, printed at the start",
     )  # fmt: skip
 
 

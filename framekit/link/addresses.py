@@ -374,6 +374,8 @@ def _in_order(form: AddressForm) -> list[tuple[str, Evaluate]]:
 
 MOST_EXAMPLES, MOST_AREAS = 4, 12
 """The limits of forms and areas in a message."""
+RAW = re.compile(r"0[xX][0-9a-fA-F]+|\d{1,4}")
+"""Numbers of elements from 0, as other programs write them."""
 
 
 class AddressError(ValueError):
@@ -523,7 +525,10 @@ class AddressGrammar:
         if beyond:
             return f"'{text}' is not an address: {beyond}"
         hint = did_you_mean(text, self.areas) if text.isalpha() else ""
-        return f"'{text}' is not an address – " + (hint if hint.startswith("did you mean") else self._examples())
+        counted = [f"{area}:{text}" for area in self.areas if RAW.fullmatch(text) and self._read(f"{area}:{text}")]
+        from_zero = f"; counted from 0: {', '.join(counted[:MOST_EXAMPLES])}" if counted else ""
+        hint = hint if hint.startswith("did you mean") else self._examples()
+        return f"'{text}' is not an address – {hint}{from_zero}"
 
     def _examples(self) -> str:
         """Return a hint with example addresses: short forms of whole elements first, each with an area of its own."""

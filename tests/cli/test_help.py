@@ -138,6 +138,13 @@ def test_examples_work(
         (["scan", "x", "modbus-rtu", "-b", "9600"], "write --speeds"),
         (["read", "modbus-rtu", "--port", "x", "-r", "1"], "such as 40001 or holding:0x10"),
         (["read", "modbus-rtu", "--port", "x", "-c", "3", "40001"], "write -n"),
+        (["read", "modbus-rtu", "--port", "x", "-a1", "40001"], "'-a1' – write --station"),
+        (
+            ["read", "modbus-rtu", "40001"],
+            "missing: --port – for example: framekit read modbus-rtu --port /dev/ttyUSB0",
+        ),
+        (["scan", "modbus-rtu", "--port", "x"], "write the port first: framekit scan PORT PROTOCOL"),
+        (["scan", "modbus-rtu", "sim:x.yaml"], "write the port first: framekit scan sim:x.yaml modbus-rtu"),
     ],
 )
 def test_words_of_other_programs_lead_to_those_of_framekit(

@@ -225,12 +225,16 @@ def test_no_port(capsys: pytest.CaptureFixture[str], port: str, message: str) ->
             ("read", "--station", "7", "40001", "--speed", "fast"),
             "'fast' is not a whole number – write digits",
         ),
-        (("read", "--station", "7", "40001", "--speed"), "--speed has no value – write one behind it"),
-        (("read", "--station", "7"), "missing: ADDRESS – add what is meant"),
-        (("write", "--station", "7", "40001"), "missing: VALUE – add what is meant"),
+        (("read", "--station", "7", "40001", "--speed"), "--speed has no value – write it after --speed"),
+        (("read", "--station", "7", "0x10"), "; counted from 0: coil:0x10, input:0x10, holding:0x10"),
+        (
+            ("read", "--station", "7"),
+            "missing: ADDRESS – for example: framekit read modbus-rtu --port /dev/ttyUSB0 --station 1 40001 -n 3",
+        ),
+        (("write", "--station", "7", "40001"), "missing: VALUE – for example: framekit write modbus-rtu --port "),
         (
             ("read", "--station", "7", "--evry=1s"),
-            "there is no option '--evry' – did you mean '--every'?; missing: ADDRESS – add what is meant",
+            "there is no option '--evry' – did you mean '--every'?; missing: ADDRESS – for example: framekit read",
         ),
         (("read", "--station", "abc", "40001"), "station 'abc' is not a whole number – write it like 10 or 0x0A"),
         (

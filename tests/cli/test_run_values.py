@@ -11,10 +11,13 @@ import pytest
 
 from framekit import VirtualRun
 from framekit.api.run import loaded
+from framekit.cli.common import table
 from framekit.cli.live_output import QueuedStream
 from framekit.cli.main import main
-from framekit.cli.run_values import ValueChanges, ValueTable, draws
+from framekit.cli.run_output import TextOutput
+from framekit.cli.run_values import TABLE_HEAD, ValueChanges, ValueTable, _fitting, draws
 from framekit.cli.terminal import GuardedTerminal
+from framekit.link.events import Seen
 
 DEVICE = """device: tank
 protocol: modbus-rtu
@@ -141,6 +144,29 @@ def test_the_table_is_drawn_in_place_and_lines_are_printed_above(
     assert head.split() == ["point", "value", "unit", "quality", "changed"]
     assert row.split() == ["level", "22.50", "cm", "failed:", "no_reply", "0", "s", "ago"]
     assert more == "… and 1 more point: --screen shows all"
+
+
+def test_a_long_reason_leaves_room_for_the_other_columns() -> None:
+    row = ("level", "-", "cm", f"failed: {'no connection ' * 20}", "12 s ago")
+    fitted, good = _fitting([row, ("state", "on", "", "good", "1 s ago")], 60)
+    assert good == ("state", "on", "", "good", "1 s ago")
+    assert len(table([fitted, good], TABLE_HEAD).split("\n")[1]) == 60
+    assert fitted[3].endswith("…") and fitted[4] == "12 s ago"
+    assert _fitting([row], 20)[0][3] == "failed: no …"
+
+
+def test_the_same_failure_to_open_a_port_is_one_line(
+    tank: Callable[[str], Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = TextOutput(loaded(tank(POINTS)))
+    with VirtualRun(tank(POINTS)) as run:
+        output.watches(run)
+        take = output.tape.of(1)
+        for kind, reason in (("closed", "a"), ("closed", "a"), ("open", ""), ("closed", "a"), ("closed", "b")):
+            take(Seen("", kind, run.now, reason=reason))
+            output.catch_up()
+    shown = [line.split()[3:] for line in capsys.readouterr().out.splitlines()]
+    assert shown == [["closed", "a"], ["open"], ["closed", "a"], ["closed", "b"]]
 
 
 def test_a_drawing_is_replaced_and_makes_room_for_lines() -> None:
