@@ -251,14 +251,14 @@ class CExpressionWriter:
         if any(one.there or one.kind == "none" for one in (first, second)):
             texts = ["false" if one.kind == "none" else one.there or "true" for one in (first, second)]
             there = f"({test} ? {texts[0]} : {texts[1]})"
+        known = [one for one in (first, second) if one.kind != "none"]
         if kinds == {"bytes"}:
             view = f"{self.outside.helper('view')}(NULL, 0)"
             texts = [view if one.kind == "none" else self.bytes(one) for one in (first, second)]
-            sizes = [one.most_size for one in (first, second) if one.kind == "bytes"]
+            sizes = [one.most_size for one in known]
             most = None if None in sizes else max(one for one in sizes if one is not None)
             return Val("bytes", f"({test} ? {texts[0]} : {texts[1]})", there=there, most_size=most)
         texts = ["0" if one.kind == "none" else one.text for one in (first, second)]
-        known = [one for one in (first, second) if one.kind == "number"]
         low, high = min(one.low for one in known), max(one.high for one in known)
         return Val("number", f"(({test}) ? {texts[0]} : {texts[1]})", low, high, there)
 
@@ -299,28 +299,31 @@ class CExpressionWriter:
                 return "true" if first.constant == second.constant else "false"
             return f"({there}{first.text} == {second.text})" if there else f"{first.text} == {second.text}"
         if first.kind == "bytes" and second.kind == "bytes":
-            fold = first.fold or second.fold
-            plain, folded = (first, second) if second.fold else (second, first)
-            if fold and plain.constant is None and not plain.fold and plain.text in folded.text:
-                helper = self.outside.helper("is_lower" if fold == "lower" else "is_upper")
-                return f"({there}{helper}({plain.text}))"
-            if fold:
-                if {first.fold, second.fold} == {"lower", "upper"}:
-                    raise CannotSayError(node.at, "small letters compared with capitals")
-                for one in (first, second):  # a side that is not folded must be folded already
-                    if not one.fold and not isinstance(one.constant, bytes):
-                        raise CannotSayError(node.at, "lower() or upper() on one side, and no constant on the other")
-                    if not one.fold and isinstance(one.constant, bytes):
-                        shown = one.constant.decode("latin-1")
-                        if not shown.isascii():
-                            raise CannotSayError(node.at, "letters beyond ASCII compared without their case")
-                        if shown != (shown.lower() if fold == "lower" else shown.upper()):
-                            return "false"
-                helper = self.outside.helper("same_letters")
-            else:
-                helper = self.outside.helper("same_bytes")
-            return f"({there}{helper}({self.bytes(first)}, {self.bytes(second)}))"
+            text = self._same_bytes(node, first, second)
+            return f"({there}{text})" if text != "false" else text
         raise CannotSayError(node.at, "a comparison of what is neither numbers nor text")
+
+    def _same_bytes(self, node: Node, first: Val, second: Val) -> str:
+        """Return the comparison of two texts, of which `lower` or `upper` may be applied to one or both."""
+        fold = first.fold or second.fold
+        if not fold:
+            return f"{self.outside.helper('same_bytes')}({self.bytes(first)}, {self.bytes(second)})"
+        plain, folded = (first, second) if second.fold else (second, first)
+        if plain.constant is None and not plain.fold and plain.text in folded.text:
+            return f"{self.outside.helper('is_lower' if fold == 'lower' else 'is_upper')}({plain.text})"
+        if {first.fold, second.fold} == {"lower", "upper"}:
+            raise CannotSayError(node.at, "small letters compared with capitals")
+        for one in (first, second):  # a side that is not folded must be folded already
+            if one.fold:
+                continue
+            if not isinstance(one.constant, bytes):
+                raise CannotSayError(node.at, "lower() or upper() on one side, and no constant on the other")
+            shown = one.constant.decode("latin-1")
+            if not shown.isascii():
+                raise CannotSayError(node.at, "letters beyond ASCII compared without their case")
+            if shown != (shown.lower() if fold == "lower" else shown.upper()):
+                return "false"
+        return f"{self.outside.helper('same_letters')}({self.bytes(first)}, {self.bytes(second)})"
 
     def _within(self, node: Node, left: Node, right: Node) -> str:
         if isinstance(right, List):
@@ -420,14 +423,8 @@ class CExpressionWriter:
             raise CannotSayError(node.at, f"'{node.operator}' of texts or bytes")
         first, second = self._number(first_value, node.left), self._number(second_value, node.right)
         operator = node.operator
-        if first.constant is not None and second.constant is not None:
-            one, other = first.constant, second.constant
-            assert isinstance(one, int) and isinstance(other, int)
-            folded = _FOLD.get(operator)
-            if folded is not None and (operator not in ("//", "%") or other):
-                result = folded(one, other)
-                if LEAST <= result <= MOST:
-                    return constant(result)
+        if (folded := _folded(operator, first, second)) is not None:
+            return folded
         text = f"({first.text} {operator} {second.text})"
         match operator:
             case "+":
@@ -441,11 +438,9 @@ class CExpressionWriter:
                 return self._division(node, first, second)
             case "<<" | ">>":
                 return self._shift(node, first, second)
-        if operator == "&":
-            if first.low >= 0 or second.low >= 0:
+            case "&":
                 tops = [one.high for one in (first, second) if one.low >= 0]
-                return self.ranged(node, text, 0, min(tops))
-            return self.ranged(node, text, LEAST, MOST)
+                return self.ranged(node, text, 0, min(tops)) if tops else self.ranged(node, text, LEAST, MOST)
         if first.low < 0 or second.low < 0:
             raise CannotSayError(node.at, f"'{operator}' of numbers that may be negative")
         bits = max(first.high.bit_length(), second.high.bit_length())
@@ -482,66 +477,72 @@ class CExpressionWriter:
     # ---- functions ----------------------------------------------------------------------------------------
 
     def _call(self, node: Call) -> Val:
-        name, arguments = node.function, node.arguments
-        match name:
-            case "none":
-                return Val("none")
-            case "len":
-                return self._length(node)
-            case "either":
-                first, second = (self.node(one) for one in arguments)
-                if first.kind == "none":
-                    return second
-                if not first.there:
-                    return first
-                return self._either(node, first, second)
-            case "min" | "max" if len(arguments) > 1:
-                values = self.numbers(*arguments)
-                helper = self.outside.helper("least" if name == "min" else "greatest")
-                text = values[0].text
-                for one in values[1:]:
-                    text = f"{helper}({text}, {one.text})"
-                pick = min if name == "min" else max
-                return Val("number", text, pick(one.low for one in values), pick(one.high for one in values))
-            case "abs":
-                (value,) = self.numbers(*arguments)
-                high = max(abs(value.low), abs(value.high))
-                return self.ranged(node, f"{self.outside.helper('absolute')}({value.text})", 0, high)
-            case "bit":
-                value, place = self.numbers(*arguments)
-                if value.low < 0 or place.low < 0 or place.high > 63:
-                    raise CannotSayError(node.at, "a bit that may not be among the 63 of a number")
-                return Val("number", f"({value.text} >> {place.text} & 1)", 0, 1)
-            case "rotl8":
-                value, count = self.numbers(*arguments)
-                return Val("number", f"{self.outside.helper('rotated')}({value.text}, {count.text})", 0, 255)
-            case "lower" | "upper":
-                value = self._bytes(arguments[0])
-                return replace(value, fold=name, constant=None, text=self.bytes(value))
-            case "number":
-                return self._as_number(node)
-            case "only":
-                shown, letters = (self._bytes(one) for one in arguments)
-                if shown.fold or letters.fold:
-                    raise CannotSayError(node.at, "lower() or upper() in only()")
-                helper = self.outside.helper("only")
-                return Val(
-                    "number", f"(int64_t){helper}({self.bytes(shown)}, {self.bytes(letters)})", 0, 1, is_flag=True
-                )
-            case "same":
-                value = self.node(arguments[0])
-                if value.kind == "list" and value.at_item:
-                    start = value.at_item.replace("@", "0")
-                    step = f"sizeof({value.text}.items[0])"
-                    call = f"{self.outside.helper('same_items')}(&{start}, {value.wire}, {step})"
-                    text = f"({value.there} ? (int64_t){call} : {self.bad()})" if value.there else f"(int64_t){call}"
-                    return Val("number", text, 0, 1, is_flag=True)
-            case "get":
-                key, default = self.node(arguments[1]), self.node(arguments[2])
-                found = self.outside.lookup(arguments[0], key, default)
-                if found is not None:
-                    return found
-        raise CannotSayError(node.at, f"the function {name}()")
+        write = _FUNCTIONS.get(node.function)
+        found = None if write is None else write(self, node)
+        if found is None:
+            raise CannotSayError(node.at, f"the function {node.function}()")
+        return found
+
+    def _call_either(self, node: Call) -> Val:
+        first, second = (self.node(one) for one in node.arguments)
+        if first.kind == "none":
+            return second
+        return self._either(node, first, second) if first.there else first
+
+    def _extreme(self, node: Call) -> Val | None:
+        """Return `min` or `max` of several numbers; None for one list."""
+        if len(node.arguments) < 2:
+            return None
+        values = self.numbers(*node.arguments)
+        is_min = node.function == "min"
+        helper = self.outside.helper("least" if is_min else "greatest")
+        text = values[0].text
+        for one in values[1:]:
+            text = f"{helper}({text}, {one.text})"
+        pick = min if is_min else max
+        return Val("number", text, pick(one.low for one in values), pick(one.high for one in values))
+
+    def _absolute(self, node: Call) -> Val:
+        (value,) = self.numbers(*node.arguments)
+        high = max(abs(value.low), abs(value.high))
+        return self.ranged(node, f"{self.outside.helper('absolute')}({value.text})", 0, high)
+
+    def _bit(self, node: Call) -> Val:
+        value, place = self.numbers(*node.arguments)
+        if value.low < 0 or place.low < 0 or place.high > 63:
+            raise CannotSayError(node.at, "a bit that may not be among the 63 of a number")
+        return Val("number", f"({value.text} >> {place.text} & 1)", 0, 1)
+
+    def _rotated(self, node: Call) -> Val:
+        value, count = self.numbers(*node.arguments)
+        return Val("number", f"{self.outside.helper('rotated')}({value.text}, {count.text})", 0, 255)
+
+    def _letters(self, node: Call) -> Val:
+        value = self._bytes(node.arguments[0])
+        return replace(value, fold=node.function, constant=None, text=self.bytes(value))
+
+    def _only(self, node: Call) -> Val:
+        shown, letters = (self._bytes(one) for one in node.arguments)
+        if shown.fold or letters.fold:
+            raise CannotSayError(node.at, "lower() or upper() in only()")
+        text = f"(int64_t){self.outside.helper('only')}({self.bytes(shown)}, {self.bytes(letters)})"
+        return Val("number", text, 0, 1, is_flag=True)
+
+    def _same_items(self, node: Call) -> Val | None:
+        """Return `same` of a list; None for other values."""
+        value = self.node(node.arguments[0])
+        if value.kind != "list" or not value.at_item:
+            return None
+        start = value.at_item.replace("@", "0")
+        step = f"sizeof({value.text}.items[0])"
+        call = f"{self.outside.helper('same_items')}(&{start}, {value.wire}, {step})"
+        text = f"({value.there} ? (int64_t){call} : {self.bad()})" if value.there else f"(int64_t){call}"
+        return Val("number", text, 0, 1, is_flag=True)
+
+    def _entry(self, node: Call) -> Val | None:
+        """Return an entry of a table; None where C cannot look it up."""
+        key, default = self.node(node.arguments[1]), self.node(node.arguments[2])
+        return self.outside.lookup(node.arguments[0], key, default)
 
     def _either(self, node: Node, first: Val, second: Val) -> Val:
         if first.kind == second.kind == "number":
@@ -596,3 +597,34 @@ _FOLD: dict[str, Callable[[int, int], int]] = {
     "<<": lambda one, other: one << other if 0 <= other < 64 else MOST + 1,
     ">>": lambda one, other: one >> other if 0 <= other < 64 else MOST + 1,
 }
+
+
+def _folded(operator: str, first: Val, second: Val) -> Val | None:
+    """Return the result of an operator on two constants; None if one is no constant, or the result has no form in C."""
+    fold, one, other = _FOLD.get(operator), first.constant, second.constant
+    if fold is None or one is None or other is None:
+        return None
+    assert isinstance(one, int) and isinstance(other, int)
+    if operator in ("//", "%") and not other:
+        return None
+    result = fold(one, other)
+    return constant(result) if LEAST <= result <= MOST else None
+
+
+_FUNCTIONS: dict[str, Callable[[CExpressionWriter, Call], Val | None]] = {
+    "none": lambda w, node: Val("none"),
+    "len": CExpressionWriter._length,
+    "either": CExpressionWriter._call_either,
+    "min": CExpressionWriter._extreme,
+    "max": CExpressionWriter._extreme,
+    "abs": CExpressionWriter._absolute,
+    "bit": CExpressionWriter._bit,
+    "rotl8": CExpressionWriter._rotated,
+    "lower": CExpressionWriter._letters,
+    "upper": CExpressionWriter._letters,
+    "number": CExpressionWriter._as_number,
+    "only": CExpressionWriter._only,
+    "same": CExpressionWriter._same_items,
+    "get": CExpressionWriter._entry,
+}
+"""The functions of the language that C has; None as result: not for these arguments."""

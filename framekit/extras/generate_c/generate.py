@@ -15,6 +15,7 @@ from framekit.definition.expression import Name, Node
 from framekit.definition.kinds.base import constant_number
 from framekit.definition.model.frames import Frame, StaticSizes, everything
 from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.sections import Parameter, StateVariable
 from framekit.definition.model.segments import Bits, Field, Inner, Segments
 from framekit.definition.model.values import Table
 from framekit.definition.problems import CannotSayError, Problem
@@ -30,6 +31,8 @@ from framekit.extras.generate_c.writer import WriteWriter
 
 MOST_BYTES = 1024
 """Size in bytes of a frame whose definition sets no limit."""
+INT32 = -(1 << 31), (1 << 31) - 1
+"""The range of numbers whose definition sets no limit."""
 REASONS = (
     "check", "constant", "where", "digits", "value", "range", "require", "short", "too_long", "length", "surplus",
     "cut",
@@ -142,41 +145,48 @@ class CFile:
         if name in self.protocol.tables:
             return Val("other", name)
         parameter, state = self.protocol.params.get(name), self.protocol.state.get(name)
-        text = f"context->{identifier(name)}"
-        if (
-            parameter is not None
-            and parameter.is_ is not None
-            and (fixed := constant_number(parameter.is_)) is not None
-        ):
-            return constant(fixed)
-        if parameter is not None and parameter.type in ("number", "flag") and parameter.is_ is None:
-            low, high = (0, 1) if parameter.type == "flag" else parameter.limits or (-(1 << 31), (1 << 31) - 1)
-            value = Val("number", f"(int64_t){text}", low, high)
-        elif state is not None and state.keys is None and re.fullmatch(r"[ui](8|16|24|32)|flag|number", state.type):
-            if state.type == "flag":
-                low, high = 0, 1
-            elif state.type == "number":
-                low, high = -(1 << 31), (1 << 31) - 1
-            else:
-                bits = int(state.type[1:])
-                low, high = (0, (1 << bits) - 1) if state.type[0] == "u" else (-(1 << bits - 1), (1 << bits - 1) - 1)
-            there = f"context->has_{identifier(name)}" if state.announced else ""
-            value = Val("number", f"(int64_t){text}", low, high, there)
-        elif state is not None and state.keys is None and state.type in ("text", "bytes"):
-            value = Val("bytes", text, there=f"context->has_{identifier(name)}" if state.announced else "")
-        elif parameter is not None and parameter.type in ("bytes", "choice", "text") and not parameter.secret:
-            longest = max(map(len, parameter.choices), default=0) if parameter.type == "choice" else None
-            value = Val("bytes", text, most_size=longest)
+        if parameter is not None:
+            value = self._parameter(parameter)
         else:
+            value = None if state is None or state.keys is not None else self._variable(state)
+        if value is None:
             what = "parameter" if parameter else "state variable" if state else "name"
             raise CannotSayError(node.at, f"the {what} '{name}', which C is not given")
-        if value.kind == "bytes":
-            holder = parameter or state
-            value = replace(value, is_text=holder is not None and holder.type != "bytes")
+        if value.constant is not None:
+            return value
         if name not in self.start_values and not value.there:
             value = replace(value, there=f"context->has_{identifier(name)}")
         self.asked[name] = value
         return value
+
+    def _parameter(self, parameter: Parameter) -> Val | None:
+        """Return a parameter; None for those without a form in C."""
+        text = f"context->{identifier(parameter.name)}"
+        if parameter.is_ is not None and (fixed := constant_number(parameter.is_)) is not None:
+            return constant(fixed)
+        if parameter.type in ("number", "flag") and parameter.is_ is None:
+            low, high = (0, 1) if parameter.type == "flag" else parameter.limits or INT32
+            return Val("number", f"(int64_t){text}", low, high)
+        if parameter.type in ("bytes", "choice", "text") and not parameter.secret:
+            longest = max(map(len, parameter.choices), default=0) if parameter.type == "choice" else None
+            return Val("bytes", text, most_size=longest, is_text=parameter.type != "bytes")
+        return None
+
+    def _variable(self, state: StateVariable) -> Val | None:
+        """Return a state variable that is no table; None for those without a form in C."""
+        text = f"context->{identifier(state.name)}"
+        there = f"context->has_{identifier(state.name)}" if state.announced else ""
+        if state.type in ("text", "bytes"):
+            return Val("bytes", text, there=there, is_text=state.type != "bytes")
+        if re.fullmatch(r"[ui](8|16|24|32)|flag|number", state.type) is None:
+            return None
+        low, high = INT32
+        if state.type == "flag":
+            low, high = 0, 1
+        elif state.type != "number":
+            bits = int(state.type[1:])
+            low, high = (0, (1 << bits) - 1) if state.type[0] == "u" else (-(1 << bits - 1), (1 << bits - 1) - 1)
+        return Val("number", f"(int64_t){text}", low, high, there)
 
     def lookup(self, node: Node, key: Val, default: Val | None) -> Val | None:
         """Return an entry of a table, a number or a text, for a number or a text as key."""
@@ -212,7 +222,6 @@ class CFile:
         return Val(kind, entry, min(low, 0), max(high, 0), wire=there)
 
     def _table(self, node: Name, table: Table, by_text: bool) -> tuple[str, int, int, bool]:
-        rows: list[tuple[str, str]] = []
         values = [*(one for key, one in table.entries.items() if isinstance(key, str) == by_text)]
         values += [] if by_text else [one for _, _, one in table.ranges]
         is_text = bool(values) and all(isinstance(one, str) for one in values)
@@ -221,14 +230,7 @@ class CFile:
         numbers = [one for one in values if isinstance(one, int)]
         if numbers and not LEAST <= min(numbers) <= max(numbers) <= MOST:
             raise CannotSayError(node.at, f"the table '{table.name}', whose numbers need more than 64 bits")
-        for key, value in table.entries.items():
-            if isinstance(key, str) and by_text:
-                data = key.encode("latin-1", "replace")
-                rows.append((f"{{ (const uint8_t *){string(data)}, {len(data)} }}", _shown_entry(value)))
-            elif isinstance(key, int) and not by_text and LEAST <= key <= MOST:
-                rows.append((f"{number(key)}, {number(key)}", _shown_entry(value)))
-        for first, last, value in () if by_text else table.ranges:
-            rows.append((f"{number(first)}, {number(last)}", _shown_entry(value)))
+        rows = _rows(table, by_text)
         function = f"fk_table_{identifier(table.name)}{'_by_text' if by_text else ''}"
         if function not in self.functions:
             self.functions[function] = self._table_code(function, rows, by_text, is_text)
@@ -318,33 +320,7 @@ class CFile:
             if isinstance(tree := tree_of(self.static, order), Switch):
                 self._switch(code, tree, lambda left: self._listed(code, left, order), "whole")
             with code.block("for (i = 0; i < count; i++)"):
-                code.add("struct fk_notes notes;", "struct framekit_fault fault;")
-                with code.block("union", " scratch;"):
-                    for place, frame in enumerate(order):
-                        code.add(f"struct {self.frame_enum(frame)} of{place};")
-                with code.block("switch (list[i])"):
-                    for place, frame in enumerate(order):
-                        call = f"{self.prefix}_fk_measure_{identifier(frame)}(data, size{self.hand_on})"
-                        code.add(f"case {place}: found = {call}; break;")
-                    code.add("default: found = 0; break;")
-                with code.block("if (found > 0)"):
-                    with code.block("if (whole || want == 0)"):
-                        code.add("memset(&notes, 0, sizeof notes);")
-                        with code.block("switch (list[i])"):
-                            for place, frame in enumerate(order):
-                                call = (
-                                    f"{self.prefix}_fk_read_{identifier(frame)}(data, (size_t)found{self.hand_on},"
-                                    f" &scratch.of{place}, &notes)"
-                                )
-                                code.add(f"case {place}: {call}; break;")
-                            code.add("default: break;")
-                        code.add("fk_told(&notes, &fault);")
-                        code.when("fault.reason == FRAMEKIT_OK || fault.refuse >= 0", "return found;")
-                    code.add("other = other == 0 || found < other ? found : other;")
-                with code.block("else if (found > FK_QUIET)"):
-                    code.add("want = found != 0 && (want == 0 || found > want) ? found : want;")
-                with code.block("else"):
-                    code.add("quiet = quiet || found == FK_QUIET;", "lost = lost || found == FK_LOST;")
+                self._measured(code, order)
             with code.block("if (want != 0)"):
                 with code.block("if (other != 0)"):
                     code.add(
@@ -356,6 +332,36 @@ class CFile:
         self.functions[name] = code
         self.firsts[frames] = name
         return name
+
+    def _measured(self, code: CSource, order: tuple[str, ...]) -> None:
+        """Write how the frame `list[i]` of `order` is measured, and read if it is complete."""
+        code.add("struct fk_notes notes;", "struct framekit_fault fault;")
+        with code.block("union", " scratch;"):
+            for place, frame in enumerate(order):
+                code.add(f"struct {self.frame_enum(frame)} of{place};")
+        with code.block("switch (list[i])"):
+            for place, frame in enumerate(order):
+                call = f"{self.prefix}_fk_measure_{identifier(frame)}(data, size{self.hand_on})"
+                code.add(f"case {place}: found = {call}; break;")
+            code.add("default: found = 0; break;")
+        with code.block("if (found > 0)"):
+            with code.block("if (whole || want == 0)"):
+                code.add("memset(&notes, 0, sizeof notes);")
+                with code.block("switch (list[i])"):
+                    for place, frame in enumerate(order):
+                        call = (
+                            f"{self.prefix}_fk_read_{identifier(frame)}(data, (size_t)found{self.hand_on},"
+                            f" &scratch.of{place}, &notes)"
+                        )
+                        code.add(f"case {place}: {call}; break;")
+                    code.add("default: break;")
+                code.add("fk_told(&notes, &fault);")
+                code.when("fault.reason == FRAMEKIT_OK || fault.refuse >= 0", "return found;")
+            code.add("other = other == 0 || found < other ? found : other;")
+        with code.block("else if (found > FK_QUIET)"):
+            code.add("want = found != 0 && (want == 0 || found > want) ? found : want;")
+        with code.block("else"):
+            code.add("quiet = quiet || found == FK_QUIET;", "lost = lost || found == FK_LOST;")
 
     def nearest_inside(self, segment: Inner) -> str:
         """Return the function that determines the fault if no frame fits.
@@ -802,6 +808,20 @@ def _called(text: str) -> tuple[str, ...]:
     spans = {"spans"} if "fk_span" in text else set()
     spans |= {"ends"} if "FK_QUIET" in text or "FK_LOST" in text else set()
     return tuple(name for name in support_parts() if name in words | spans or f"{name}_at" in words)
+
+
+def _rows(table: Table, by_text: bool) -> list[tuple[str, str]]:
+    """Return the keys and values of the entries with texts or with numbers as keys, as initializers in C."""
+    rows: list[tuple[str, str]] = []
+    for key, value in table.entries.items():
+        if isinstance(key, str) and by_text:
+            data = key.encode("latin-1", "replace")
+            rows.append((f"{{ (const uint8_t *){string(data)}, {len(data)} }}", _shown_entry(value)))
+        elif isinstance(key, int) and not by_text and LEAST <= key <= MOST:
+            rows.append((f"{number(key)}, {number(key)}", _shown_entry(value)))
+    for first, last, value in () if by_text else table.ranges:
+        rows.append((f"{number(first)}, {number(last)}", _shown_entry(value)))
+    return rows
 
 
 def _shown_entry(value: Any) -> str:

@@ -263,19 +263,9 @@ class _Laying:
                 low, high = number_range(segment, segment.type)
                 _add(struct, segment.name, CMember(segment.name, "number", "", segment.at, low, high), maybe)
             case Bits():
-                for part in segment.parts:
-                    if part.most is None or part.most > INT64[1]:
-                        raise CannotSayError(part.at, f"'{part.name}' is a number of more than 63 bits")
-                    chosen = part.build is not None or (part.constants is not None and len(part.constants) > 1)
-                    has = maybe or (chosen and part.is_ is None)
-                    _add(struct, part.name, CMember(part.name, "number", "", part.at, 0, part.most), has)
+                self._bits(segment, struct, maybe)
             case Data():
-                turned = segment.convert is not None or segment.swap
-                size = segment.size if isinstance(segment.size, int) else self.most * (
-                    2 if segment.convert == "ascii_to_hex" else 1)  # fmt: skip
-                member = CMember(segment.name, "bytes", "", segment.at, capacity=size if turned else 0,
-                                room="room" if turned else "")  # fmt: skip
-                _add(struct, segment.name, member, maybe)
+                self._data(segment, struct, maybe)
             case Record():
                 inside = CStruct(f"record '{segment.name}'")
                 self.all(segment.of, inside, False)
@@ -292,19 +282,37 @@ class _Laying:
                     self.all(block, struct, True)
             case Wrap():
                 if not isinstance(segment.coding, Plain):
-                    content = self.layouts.static.all(segment.of).most
-                    size = max(self.most, content or 0) if content is None or content > self.most else content
-                    name = segment.name or ""
-                    plain = name.strip("_") if name.startswith("_") else name
-                    cname = struct.names.take(
-                        f"{identifier(plain)}_plain", f"the content of {segment.title}", segment.at
-                    )
-                    struct.rooms[cname] = max(size, 1)
+                    self._room_of(segment, struct)
                 self.all(segment.of, struct, maybe)
             case Value():
                 pass  # added after the kinds of its operands are known
             case _ if segment.value_names:
                 raise CannotSayError(segment.at, f"a segment of the kind '{segment.KEY}'")
+
+    def _bits(self, segment: Bits, struct: CStruct, maybe: bool) -> None:
+        for part in segment.parts:
+            if part.most is None or part.most > INT64[1]:
+                raise CannotSayError(part.at, f"'{part.name}' is a number of more than 63 bits")
+            chosen = part.build is not None or (part.constants is not None and len(part.constants) > 1)
+            has = maybe or (chosen and part.is_ is None)
+            _add(struct, part.name, CMember(part.name, "number", "", part.at, 0, part.most), has)
+
+    def _data(self, segment: Data, struct: CStruct, maybe: bool) -> None:
+        turned = segment.convert is not None or segment.swap
+        size = segment.size if isinstance(segment.size, int) else self.most * (
+            2 if segment.convert == "ascii_to_hex" else 1)  # fmt: skip
+        member = CMember(segment.name, "bytes", "", segment.at, capacity=size if turned else 0,
+                        room="room" if turned else "")  # fmt: skip
+        _add(struct, segment.name, member, maybe)
+
+    def _room_of(self, segment: Wrap, struct: CStruct) -> None:
+        """Add the room for the plain content of a wrap."""
+        content = self.layouts.static.all(segment.of).most
+        size = max(self.most, content or 0) if content is None or content > self.most else content
+        name = segment.name or ""
+        plain = name.strip("_") if name.startswith("_") else name
+        cname = struct.names.take(f"{identifier(plain)}_plain", f"the content of {segment.title}", segment.at)
+        struct.rooms[cname] = max(size, 1)
 
     def _field(self, segment: Field, struct: CStruct, maybe: bool) -> None:
         chosen = segment.build is not None or segment.default is not None

@@ -217,7 +217,6 @@ def _values(w: WriteWriter, segment: Field, taken: Taken) -> list[Task]:
 
 def _take(w: WriteWriter, segment: Field, taken: Taken) -> None:
     member = taken.member(segment.name)
-    given = f"{taken.path}{member.cname}"
     if member.kind == "float":
         _take_float(w, segment, member, taken)
         return
@@ -230,8 +229,6 @@ def _take(w: WriteWriter, segment: Field, taken: Taken) -> None:
     if not is_text and member.high > MOST:
         _take_wide(w, segment, member, taken)
         return
-    cast = "" if is_text else "(int64_t)"
-    source = w.with_missing(taken)
     condition = ""
     uses_when = segment.default is None or segment.build is not None or segment.constants is not None
     if segment.when is not None and uses_when and not (segment.constants is not None and is_fixed(segment)):
@@ -243,43 +240,10 @@ def _take(w: WriteWriter, segment: Field, taken: Taken) -> None:
             there = condition
     elif segment.is_ is not None:
         with w.where(condition):
-            _work_out(w, segment, segment.is_, local, source, is_text)
+            _work_out(w, segment, segment.is_, local, w.with_missing(taken), is_text)
         there = condition
     else:
-        flag = w.given_flag(member, taken)
-        chosen = segment.build or segment.default
-        plain_text = segment.values is not None and chosen is not None and isinstance(chosen.root, Text)
-        worked_out = chosen if segment.constants is None and not plain_text else None
-        if worked_out is not None and not w.can_say(worked_out, source, segment.name):
-            w.add(f"{local} = {cast}{given};")
-            w.fail_if(f"{condition} && !{flag}" if condition else f"!{flag}", "value")
-            chosen = None
-            there = condition
-        if segment.constants is not None:
-            w.add(f"{local} = {flag} ? {cast}{given} : {_shown(w, segment.constants[0])};")
-        elif chosen is None and (segment.build or segment.default) is not None:
-            pass
-        elif chosen is None:
-            w.add(f"{local} = {cast}{given};")
-            there = _flag_of_empty(segment, member, taken)
-            if condition:
-                w.fail_if(f"{condition} && !{flag}", "value")
-                there = condition
-        else:
-            w.when(flag, f"{local} = {cast}{given};")
-            default = segment.default
-            if condition and segment.build is not None:
-                with w.block(f"else if ({condition})"):
-                    _work_out(w, segment, segment.build, local, source, is_text)
-                with w.block("else"):
-                    if default is not None:
-                        _work_out(w, segment, default, local, source, is_text)
-                    else:
-                        w.add(";")
-                there = condition if default is None else ""
-            else:
-                with w.block("else"):
-                    _work_out(w, segment, chosen, local, source, is_text)
+        there = _take_given(w, segment, member, taken, local, condition)
     if not is_text:
         bound(w, member, local)
     entry = val_of(member, local)
@@ -289,6 +253,41 @@ def _take(w: WriteWriter, segment: Field, taken: Taken) -> None:
         high = entry.high if limits.most is None else min(entry.high, max(limits.most, 0))
         entry = replace(entry, text=local, low=min(low, entry.low), high=max(high, entry.high))
     taken.scope.entries[segment.name] = replace(entry, there=there, wire=_room_text(segment))
+
+
+def _take_given(w: WriteWriter, segment: Field, member: CMember, taken: Taken, local: str, condition: str) -> str:
+    """Write the assignment of a value that callers may give, or its default; return when the value is present."""
+    is_text = member.kind == "bytes"
+    given = f"{'' if is_text else '(int64_t)'}{taken.path}{member.cname}"
+    source, flag = w.with_missing(taken), w.given_flag(member, taken)
+    chosen = segment.build or segment.default
+    plain_text = segment.values is not None and chosen is not None and isinstance(chosen.root, Text)
+    worked_out = chosen if segment.constants is None and not plain_text else None
+    if worked_out is not None and not w.can_say(worked_out, source, segment.name):
+        w.add(f"{local} = {given};")
+        w.fail_if(f"{condition} && !{flag}" if condition else f"!{flag}", "value")
+        return condition
+    if segment.constants is not None:
+        w.add(f"{local} = {flag} ? {given} : {_shown(w, segment.constants[0])};")
+        return ""
+    if chosen is None:
+        w.add(f"{local} = {given};")
+        if condition:
+            w.fail_if(f"{condition} && !{flag}", "value")
+        return condition or _flag_of_empty(segment, member, taken)
+    w.when(flag, f"{local} = {given};")
+    if not condition or segment.build is None:
+        with w.block("else"):
+            _work_out(w, segment, chosen, local, source, is_text)
+        return ""
+    with w.block(f"else if ({condition})"):
+        _work_out(w, segment, segment.build, local, source, is_text)
+    with w.block("else"):
+        if segment.default is not None:
+            _work_out(w, segment, segment.default, local, source, is_text)
+        else:
+            w.add(";")
+    return condition if segment.default is None else ""
 
 
 def _room_text(segment: Field) -> str:
@@ -403,16 +402,21 @@ def _validate(w: WriteWriter, segment: Field, taken: Taken) -> None:
         low, high = segment.limits
         w.fail_if(f"{there}!({local} >= {low} && {local} <= {high})", "range")
     elif member.kind == "number" and member.high <= MOST and not member.places:
-        limits = forms.value_range(segment)
-        tests_ = [] if limits.least is None or limits.least <= LEAST else [f"{local} < {number(limits.least)}"]
-        tests_ += [] if limits.most is None or limits.most >= MOST else [f"{local} > {number(limits.most)}"]
-        if tests_:
-            w.fail_if(f"{there}({' || '.join(tests_)})", "range")
-        if segment.unit is not None and segment.unit != 1:
-            w.fail_if(f"{there}{local} % {number(segment.unit)} != 0", "value")
+        _validate_number(w, segment, local, there)
     elif member.places and segment.limits is not None:
         low, high = (one * 10**member.places for one in segment.limits)
         w.fail_if(f"{there}({local} < {number(low)} || {local} > {number(high)})", "range")
+
+
+def _validate_number(w: WriteWriter, segment: Field, local: str, there: str) -> None:
+    """Write the checks of a whole number against its range and its unit."""
+    limits = forms.value_range(segment)
+    tests = [] if limits.least is None or limits.least <= LEAST else [f"{local} < {number(limits.least)}"]
+    tests += [] if limits.most is None or limits.most >= MOST else [f"{local} > {number(limits.most)}"]
+    if tests:
+        w.fail_if(f"{there}({' || '.join(tests)})", "range")
+    if segment.unit is not None and segment.unit != 1:
+        w.fail_if(f"{there}{local} % {number(segment.unit)} != 0", "value")
 
 
 def _constant(one: int | str | bytes) -> Val:
