@@ -34,7 +34,7 @@ class Frames:
 
 def drawn(rng: random.Random, kind: str) -> Frames:
     """Draw 20 frames of three sizes, big-endian. Kinds: plain, unlisted (any polynomial), inside, damaged."""
-    method = rng.choice([one.method for one in crc_catalogue() if one.method.width in (16, 32)])
+    method = rng.choice([entry.method for entry in crc_catalogue() if entry.method.width in (16, 32)])
     words: Words = method.width, method.poly, method.initial, method.refin, method.refout, method.xorout
     if kind == "unlisted":
         refin = rng.random() < 0.5
@@ -85,7 +85,7 @@ def main() -> None:
 
 def _figures(find: Callable[[Frames], bool], cases: list[Frames]) -> str:
     began = time.perf_counter()
-    right = sum(find(one) for one in cases)
+    right = sum(find(case) for case in cases)
     each = (time.perf_counter() - began) / len(cases)
     return f"{right / len(cases):.0%}, {each * 1e3:.0f} ms"
 

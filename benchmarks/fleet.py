@@ -162,7 +162,7 @@ class Subscriber:
 def until_all(fleet: Fleet, count: int, holds: Callable[[Any], object]) -> float:
     """Return the seconds until this number of gateways is online and fulfils a condition."""
     began = time.monotonic()
-    while sum(1 for one in list(fleet.members.values()) if one.online and holds(one)) < count:
+    while sum(1 for member in list(fleet.members.values()) if member.online and holds(member)) < count:
         assert time.monotonic() < began + 300, "they are not all there"
         time.sleep(0.02)
     return time.monotonic() - began

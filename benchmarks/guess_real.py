@@ -222,7 +222,7 @@ def judged_real(case: RealCase) -> Marks:
     if len(set(own)) >= 10 and len({len(one) for one in own}) >= 2:
         check = right
     length: bool | None = None
-    sure = [one for one in found.statements if one.is_sure]
+    sure = [statement for statement in found.statements if statement.is_sure]
     guessed = None if found.framing is None else found.framing.length
     if case.truth.length is not None:
         offset, width, order = case.truth.length
@@ -283,7 +283,7 @@ def cases_of(name: str, seed: int) -> list[RealCase]:
 
 def all_of(words: tuple[str, int]) -> list[tuple[str, int, bool, Marks]]:
     """Return the results of all cases of a file, for worker processes."""
-    return [(one.name, len(one.spans), one.is_damaged, judged_real(one)) for one in cases_of(*words)]
+    return [(case.name, len(case.spans), case.is_damaged, judged_real(case)) for case in cases_of(*words)]
 
 
 def main() -> None:
@@ -306,7 +306,7 @@ def main() -> None:
         shares = [share([getattr(one, what) for one in some]) for what in ("framing", "check", "length")]
         print(f"{title:<26} {len(some):>6} " + " ".join(f"{one:>8}" for one in shares))
     sure, wrong = sum(one[3].sure for one in results), sum(len(one[3].wrong) for one in results)
-    slowest = max(one[3].seconds for one in results)
+    slowest = max(result[3].seconds for result in results)
     print(f"sure statements: {sure}, wrong among them: {wrong} ({wrong / max(1, sure):.2%}), slowest {slowest:.2f} s")
     for name, count, damaged, marks in results:
         what = f"{name}, {count} frames{', damaged' if damaged else ''}"

@@ -64,7 +64,7 @@ def draw_check(rng: random.Random, text: bool, start_mark: int) -> Check:
     if kind == "none":
         return Check("none")
     if kind == "catalogue":
-        methods = [one.method for one in crc_catalogue() if one.method.width in (8, 16, 24, 32)]
+        methods = [entry.method for entry in crc_catalogue() if entry.method.width in (8, 16, 24, 32)]
         one: CheckMethod = rng.choice(methods)
         words = one.width, one.poly, one.initial, one.refin, one.refout, one.xorout
         return Check(kind, one.width // 8, order, text, start, lambda data: bitwise_crc(data, *words))
@@ -288,7 +288,7 @@ def judged(case: Case) -> Marks:
         length = guessed is not None and (
             guessed.offset <= offset + width - 1 < guessed.end or guessed.offset == offset
         )
-    sure = [one for one in found.statements if one.is_sure]
+    sure = [statement for statement in found.statements if statement.is_sure]
     wrong += _wrong_fields(found, case)
     if found.framing is not None and found.framing.kind == "length" and case.made.length is None and framing is False:
         wrong.append("length")
@@ -350,7 +350,7 @@ def main() -> None:
         shares = [share([getattr(one, what) for one in some]) for what in ("framing", "check", "length")]
         print(f"{name:<20} {len(some):>6} " + " ".join(f"{one:>8}" for one in shares))
     sure = sum(one[4].sure for one in results)
-    wrong = [(one[0], said) for one in results for said in one[4].wrong]
+    wrong = [(result[0], said) for result in results for said in result[4].wrong]
     slowest = max(one[4].seconds for one in results)
     print(
         json.dumps(

@@ -115,7 +115,7 @@ class Trial:
     def is_read_as_sent(self, data: bytes) -> bool:
         """Return whether the inner frames are decoded as the frames that were encoded."""
         read_, sent = read(self.codec, data), self.values
-        names = [one.name for one in parts_of(self.protocol.frames["f"].segments, Inner)]
+        names = [part.name for part in parts_of(self.protocol.frames["f"].segments, Inner)]
         return isinstance(read_, dict) and all(_frames(read_, name) == _frames(sent, name) for name in names)
 
     # ---- reading ------------------------------------------------------------------------------------------

@@ -463,7 +463,7 @@ def length(drawn: DrawnDefinition, scope: Scope, values: dict[str, Any], depth: 
     name, counted = drawn.name("l"), drawn.name("d")
     segment: dict[str, Any] = {"length": name}
     drawn.numbered(segment, scope)
-    others = [one for one in scope.places if drawn.chance(0.3)]
+    others = [place for place in scope.places if drawn.chance(0.3)]
     segment["of"] = [counted, *others]
     target: dict[str, Any] = {"data": counted, "size": name}
     size = drawn.random.randrange(5)
@@ -545,7 +545,7 @@ def _items(
         inside.numbers += ["index", drawn.apart.choice(["last", "index"])]
     with drawn.scope_of_its_own():
         segment["of"] = drawn.body(inside, inner, depth + 1)
-    own = [one for one in inside.numbers if one.isidentifier() and one not in ("index", "last")]
+    own = [number for number in inside.numbers if number.isidentifier() and number not in ("index", "last")]
     if own and drawn.apart.random() < 0.2:
         segment["of"].append({"require": f"either(previous.{own[-1]}, 1) * 0 == {own[-1]} * 0"})
     if drawn.apart.random() < 0.2:

@@ -332,7 +332,7 @@ class _Record:
             least, most = span_of(repeat.of.inside or repeat.of, None)
             numbers = [self.maker.number(least, most) for _ in range(times)]
             scale = repeat.of.scale
-            return numbers if scale is None else [support.scaled(one, *scale.arguments) for one in numbers]
+            return numbers if scale is None else [support.scaled(number, *scale.arguments) for number in numbers]
         fields = self.plan.values[repeat.name][0].construct.fields  # type: ignore[attr-defined]
         items: list[dict[str, Any]] = []
         alike = same_attributes(self.all).get(repeat.name, [])

@@ -274,6 +274,6 @@ def test_the_published_state_stays_after_the_last_connection(tmp_path: Path) -> 
                 await client.call("set", {"level": level})
             while server._opened().connected:
                 await asyncio.sleep(0)
-            return [one.status for one in server.status()]
+            return [status.status for status in server.status()]
 
     assert asyncio.run(asyncio.wait_for(published_after(9), 180)) == [{"level": 9}]

@@ -28,7 +28,7 @@ def loads(folder: Path, blocks: str, *durations: int) -> ChannelLoad:
 
 
 def periods(load: ChannelLoad) -> list[int | None]:
-    return [None if one.period is None else one.period // MS for one in load.blocks]
+    return [None if block.period is None else block.period // MS for block in load.blocks]
 
 
 @pytest.mark.parametrize(
@@ -83,7 +83,7 @@ def test_loads_add_up(tmp_path: Path) -> None:
 
 
 def by_number(load: ChannelLoad) -> dict[int, BlockLoad]:
-    return {one.block.number: one for one in load.blocks}
+    return {block.block.number: block for block in load.blocks}
 
 
 def test_an_exchange_longer_than_its_cycle(tmp_path: Path) -> None:

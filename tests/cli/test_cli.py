@@ -108,7 +108,7 @@ def test_encode_takes_items_of_lists_by_their_index(capsys: pytest.CaptureFixtur
 def test_what_decode_shows_as_names_encode_takes(name: str) -> None:
     protocol = load_protocol(name)
     codec, scope, plain = compile_protocol(protocol), names_of(protocol, {}), PlainValues(protocol)
-    vectors = [one for one in shipped.vectors_of(name).frames if one.frame in protocol.frames]
+    vectors = [frame for frame in shipped.vectors_of(name).frames if frame.frame in protocol.frames]
     for vector in vectors:
         data = vector.wire.exact
         if data is None or vector.expect is not None or vector.params or vector.state:

@@ -369,7 +369,7 @@ def test_a_simulated_device_that_cannot_build_its_reply_says_so_where_the_user_l
     with framekit.connect("silent.yaml", "sim:silent.device.yaml", params=quick, monitor=seen.append) as client:
         with pytest.raises(framekit.NoReplyError, match=re.escape(TOO_LARGE)):
             client.call("get")
-        assert [one.reason for one in seen if one.kind == "trouble"] == [TOO_LARGE]
+        assert [event.reason for event in seen if event.kind == "trouble"] == [TOO_LARGE]
     with framekit.serve("silent.device.yaml", "pty:", monitor=seen.append) as device:
         with framekit.connect("silent.yaml", device.port, params=quick) as client, pytest.raises(framekit.NoReplyError):
             client.read("R1")

@@ -114,7 +114,7 @@ def test_a_delimiter_ends_a_frame_and_begins_the_next(name: str, between: int) -
         assert feed(receiver_of(text), cut_at(stream, places), (frame,)) == whole
     receiver = receiver_of(text)
     receiver.append(stream, 0)
-    assert [comparable(one) for one in receiver.arrivals((frame,))] == whole
+    assert [comparable(event) for event in receiver.arrivals((frame,))] == whole
     assert not receiver.has_unread and receiver.is_empty and not receiver.waiting and receiver.deadline == NEVER
 
 
@@ -133,7 +133,7 @@ def test_what_is_damaged_costs_nothing_else(name: str, resync: str) -> None:
     stream = b"xy" + sent[1] + broken[1:] + sent[2][1:]
     whole = feed(receiver_of(text), [stream], (frame,))
     good = [sent[1]] if resync == "after_quiet" else [sent[1], sent[2]]
-    assert [one[2] for one in whole if one[0] == "frame"] == good
+    assert [event[2] for event in whole if event[0] == "frame"] == good
     assert [one[3] for one in whole if one[0] == "bad"] == [broken]
     assert whole[0] == ("noise", b"xy", 0, False)
     assert feed(receiver_of(text), [stream[at : at + 1] for at in range(len(stream))], (frame,)) == whole
@@ -143,7 +143,7 @@ def test_a_pause_between_frames_is_none_in_a_frame() -> None:
     """The delimiter that ended the last frame gets the time of the bytes that follow it, however late they arrive."""
     frame, receiver = ppp(0x21, "01"), receiver_of(PPP)
     receiver.append(frame, 0)
-    assert [comparable(one)[2] for one in receiver.arrivals(("frame",))] == [frame]
+    assert [comparable(event)[2] for event in receiver.arrivals(("frame",))] == [frame]
     receiver.tick(10**12)
     assert receiver.arrivals(("frame",)) == []
     receiver.cut()
@@ -176,7 +176,7 @@ def test_packets_of_sliplib_in_a_stream() -> None:
     codec = compiled(SLIP)[1]
     assert [codec.decode("packet", one[2])["packet"] for one in found] == packets
     reader = sliplib.Driver()
-    reader.receive(b"".join(codec.encode("packet", {"packet": one}) for one in packets))
+    reader.receive(b"".join(codec.encode("packet", {"packet": packet}) for packet in packets))
     assert [reader.get(block=False) for _ in packets] == packets
 
 

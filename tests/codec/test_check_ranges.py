@@ -63,7 +63,7 @@ def test_streams_with_damaged_headers_give_the_same_however_they_are_cut() -> No
             sent.append(bytes(frame))
         stream += frame
     whole = found_in(HEADED, [stream])
-    assert [one[2] for one in whole if one[0] == "frame"] == sent
+    assert [event[2] for event in whole if event[0] == "frame"] == sent
     assert found_in(HEADED, [stream[at : at + 1] for at in range(len(stream))]) == whole
     for _ in range(5):
         assert found_in(HEADED, cut_at(stream, sorted(choose.choices(range(len(stream)), k=40)))) == whole

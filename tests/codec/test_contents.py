@@ -110,8 +110,8 @@ def test_monitors_show_the_data_messages_of_snp(tmp_path: Path) -> None:
     clock.run_for(5_000_000_000)
     assert all(block.done for block in service.status())
     contents = contents_of(run.channels[1].protocol)
-    messages = [one for one in seen if one.frame == "data_message"]
-    shown = [list(contents.with_names("data_message", one.fields))[5:] for one in messages]
+    messages = [event for event in seen if event.frame == "data_message"]
+    shown = [list(contents.with_names("data_message", message.fields))[5:] for message in messages]
     assert shown == [
         ["time_date"], ["plc_fault_table"], ["io_fault_table"], ["controller"], ["name_list"], ["datagram_definition"],
         ["datagram_values"], [],

@@ -302,7 +302,7 @@ def test_every_key_of_the_schema_is_tried_but_those_of_sections_that_no_generato
 @pytest.mark.parametrize("name", ["third-party-plc", "modbus-rtu"])
 def test_generators_read_nothing_of_the_other_sections(name: str) -> None:
     protocol = load_protocol(name)
-    others: dict[str, Any] = {one.name: object() for one in fields(protocol) if one.name not in READ}
+    others: dict[str, Any] = {field.name: object() for field in fields(protocol) if field.name not in READ}
     for standalone in (True, False):
         assert generate_source(replace(protocol, **others), standalone) == generate_source(protocol, standalone)
 

@@ -54,7 +54,7 @@ def test_chains_in_a_stream() -> None:
     good = bytes.fromhex("7E 85 82 01 7F")
     stream = good + b"\x00" + good + bytes.fromhex("7E" + " 80" * 12) + good
     whole = feed(receiver_of(text), [stream], ("f",))
-    assert [one[2] for one in whole if one[0] == "frame"] == [good] * 3
+    assert [event[2] for event in whole if event[0] == "frame"] == [good] * 3
     for cuts in ([*range(len(stream))], [3, 7, 20], [1, 6, 12, 25]):
         assert feed(receiver_of(text), cut_at(stream, cuts), ("f",)) == whole
 
@@ -155,7 +155,7 @@ def test_a_list_of_texts_each_at_a_multiple_of_4() -> None:
         assert [one["text"] for one in codec.decode("texts", wire)["names"]] == ["pump", "", "valve 7", "x"]
     stream = wire + b"\x00\x01" + wire + wire
     whole = feed(receiver_of(text), [stream], ("texts",))
-    assert [one[2] for one in whole if one[0] == "frame"] == [wire] * 3
+    assert [event[2] for event in whole if event[0] == "frame"] == [wire] * 3
     for cuts in ([*range(len(stream))], [4, 30, 31], [9, 27, 50]):
         assert feed(receiver_of(text), cut_at(stream, cuts), ("texts",)) == whole
 
@@ -235,7 +235,7 @@ def test_records_of_a_meter_in_a_stream() -> None:
     damaged = REPLY[:20] + b"\xff" * 11 + REPLY[31:]
     stream = b"\xe5" + REPLY + damaged + REPLY
     whole = feed(receiver_of(M_BUS), [stream], ("reply",))
-    assert [one[2] for one in whole if one[0] == "frame"] == [REPLY, REPLY]
+    assert [event[2] for event in whole if event[0] == "frame"] == [REPLY, REPLY]
     for cuts in ([*range(len(stream))], [3, 40, 77], [1, 20, 38, 39, 99]):
         assert feed(receiver_of(M_BUS), cut_at(stream, cuts), ("reply",)) == whole
 
@@ -289,7 +289,7 @@ def test_a_tree_in_a_stream() -> None:
     )
     stream = tree + b"\x01" + tree + bytes.fromhex("54 20 04 01 07 00 00") + tree
     whole = feed(receiver_of(TREE), [stream], ("tree",))
-    assert [one[2] for one in whole if one[0] == "frame"] == [tree] * 3
+    assert [event[2] for event in whole if event[0] == "frame"] == [tree] * 3
     for cuts in ([*range(len(stream))], [3, 13, 30], [1, 12, 25]):
         assert feed(receiver_of(TREE), cut_at(stream, cuts), ("tree",)) == whole
 

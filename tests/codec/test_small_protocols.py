@@ -174,7 +174,7 @@ def test_dnp3_in_streams() -> None:
             sent.append(bytes(frame))
         stream += frame
     whole = feed(receiver_of(DNP3), [stream], ("link",))
-    assert [one[2] for one in whole if one[0] == "frame"] == sent
+    assert [event[2] for event in whole if event[0] == "frame"] == sent
     assert {one[2] for one in whole if one[0] == "bad"} <= {"check", "range"}
     assert feed(receiver_of(DNP3), [stream[at : at + 1] for at in range(len(stream))], ("link",)) == whole
     for _ in range(4):
@@ -222,7 +222,7 @@ def test_mavlink_in_streams() -> None:
     sent = [bytes.fromhex(choose.choice(list(MAVLINK_VECTORS))) for _ in range(60)]
     stream = b"".join(sent)
     whole = feed(receiver_of(MAVLINK), [stream], names)
-    assert [one[2] for one in whole] == sent
+    assert [event[2] for event in whole] == sent
     assert feed(receiver_of(MAVLINK), [stream[at : at + 1] for at in range(len(stream))], names) == whole
     parts = cut_at(stream, sorted(choose.choices(range(len(stream)), k=60)))
     assert feed(receiver_of(MAVLINK), parts, names) == whole
@@ -242,7 +242,7 @@ def test_a_text_protocol_is_found_by_its_end() -> None:
     frames = [codec.encode("line", {"address": place, "command": b"A\rB" * (place % 3)}) for place in range(20)]
     stream = b"".join(frames)
     whole = feed(receiver_of(TEXT), [stream], ("line",))
-    assert [one[2] for one in whole] == frames
+    assert [event[2] for event in whole] == frames
     assert feed(receiver_of(TEXT), [stream[at : at + 1] for at in range(len(stream))], ("line",)) == whole
 
 
@@ -266,7 +266,7 @@ def test_bytes_that_never_stand_in_data_make_delimited_frames_possible() -> None
     frames = [codec.encode("f", {"a": place, "d": bytes(place)}) for place in range(20)]
     stream = b"~" + b"".join(frames)
     whole = feed(receiver_of(DELIMITED), [stream], ("f",))
-    assert [one[2] for one in whole if one[0] == "frame"] == frames
+    assert [event[2] for event in whole if event[0] == "frame"] == frames
     assert feed(receiver_of(DELIMITED), [stream[at : at + 1] for at in range(len(stream))], ("f",)) == whole
 
 

@@ -201,7 +201,7 @@ def test_frames_are_found_however_a_stream_is_cut(name: str) -> None:
     sent = [bytes(choose.choices(some, k=choose.randrange(1, 300))) for _ in range(30)]
     stream = b"".join(codec.encode("f", {"d": data}) for data in sent)
     whole = feed(receiver_of(text), [stream], ("f",))
-    assert [one[0] for one in whole] == ["frame"] * 30
+    assert [event[0] for event in whole] == ["frame"] * 30
     assert [codec.decode("f", one[2] if isinstance(one[2], bytes) else one[3])["d"] for one in whole] == sent
     assert feed(receiver_of(text), [stream[at : at + 1] for at in range(len(stream))], ("f",)) == whole
     for _ in range(5):

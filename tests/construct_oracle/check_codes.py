@@ -114,10 +114,10 @@ class CheckConstruct(SegmentConstruct):
         here = Mark(leaves, leaves, 0, len(before))
         parts = self.segment.covers
         return b"".join(
-            _added(one, value_of(one.value))
-            if isinstance(one, Added)
-            else self._part(one, state, context, stream, here)
-            for one in parts
+            _added(part, value_of(part.value))
+            if isinstance(part, Added)
+            else self._part(part, state, context, stream, here)
+            for part in parts
         )
 
     def _part(self, part: str | Edges, state: State, context: Container, stream: BytesIO, here: Mark) -> bytes:

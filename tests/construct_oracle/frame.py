@@ -206,7 +206,7 @@ class FrameConstruct(Construct):
     def open_texts(self) -> list[Segment]:
         """Return texts with stop bytes that are followed by other segments or contained in others."""
         behind = [one for one in in_place_of_records(self.frame.segments) if one.takes_bytes]
-        inside = [one for one in everything(self.frame.segments) if one not in behind]
+        inside = [segment for segment in everything(self.frame.segments) if segment not in behind]
         return [one for one in (*behind[:-1], *inside) if one.number_type is not None and one.number_type.stops]
 
     def _write_sections(self, filling: Filling, stream: BytesIO, context: Container, path: str) -> None:

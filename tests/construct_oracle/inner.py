@@ -123,7 +123,7 @@ class InnerConstruct(ValueSegment):
             room = reading.room(context)
             if room.end < start:
                 raise reading.no_room(place, start, room)
-            behind = in_place_of_records(tuple(one.segment for one in reading.following))
+            behind = in_place_of_records(tuple(construct.segment for construct in reading.following))
             known = (reading.sizes.of(replace(one, when=None), nothing_known) for one in behind)
             data, exact = stream.read(room.end - start), room.exact and None not in known
         stream.seek(start)

@@ -283,7 +283,7 @@ class CodedConstruct(WrapConstruct):
 
     def _up_to_the_end(self, reading: Reading, stream: BytesIO) -> int | None:
         """Return the distance to the constant that follows, if the coding cannot make its first byte; else None."""
-        end = next(in_place_of_records(tuple(one.segment for one in reading.following)), None)
+        end = next(in_place_of_records(tuple(construct.segment for construct in reading.following)), None)
         if not isinstance(end, Const) or end.when is not None or end.data[0] not in self.segment.coding.never:
             return None
         start = stream.tell()

@@ -33,9 +33,9 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LanguageServer]
 
 def complaints(server: LanguageServer, files: list[Path]) -> list[str]:
     return [
-        f"{path.name}:{one['range']['start']['line'] + 1}: {one['message']}"
+        f"{path.name}:{problem['range']['start']['line'] + 1}: {problem['message']}"
         for path in files
-        for one in server.problems(path.as_uri(), path.read_text("utf-8"))
+        for problem in server.problems(path.as_uri(), path.read_text("utf-8"))
     ]
 
 

@@ -379,7 +379,7 @@ def heard(shipped: Shipped, data: bytes, client: Any, choose: Random) -> str:
         now += len(piece) * MS // 2 + choose.choice((0, 0, 0, 5000)) * MS
         listener.receive(piece, now, (), "in" if direction == "in" else "out")
     listener.ended(now + HOUR)
-    return "".join(f"{shown(one)}\n" for one in seen)
+    return "".join(f"{shown(event)}\n" for event in seen)
 
 
 def shown(seen: Seen) -> str:

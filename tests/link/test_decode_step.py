@@ -72,7 +72,11 @@ def collected(data: bytes, more: str = "", size: int = 3) -> Side:
 
 
 def bad_ones(side: Side) -> list[tuple[Any, ...]]:
-    return [(one.frame, one.reason, one.segment, one.place, one.raw.hex()) for one in side.seen if one.kind == "bad"]
+    return [
+        (event.frame, event.reason, event.segment, event.place, event.raw.hex())
+        for event in side.seen
+        if event.kind == "bad"
+    ]
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 50])
@@ -159,7 +163,7 @@ def test_the_frames_that_are_decoded_are_not_looked_for_on_the_line() -> None:
     side.ask()
     side.gets(bytes.fromhex("02 00 07") + piece(bytes.fromhex("02 00 07"), True))
     side.run(50 * MS)
-    assert [one.raw.hex() for one in side.seen if one.kind == "noise"] == ["020007"]
+    assert [event.raw.hex() for event in side.seen if event.kind == "noise"] == ["020007"]
     assert side.outcomes[0].results["whole"].fields == {"value": 7}
 
 

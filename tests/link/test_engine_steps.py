@@ -415,7 +415,7 @@ def test_a_reply_that_silence_has_ended_before_the_break_is_good() -> None:
     side.gets(b"=12", whole=True)
     side.now += 6 * MS  # the process is late: `tick` has not been called
     side.line_break()
-    assert [one.ok for one in side.outcomes] == [True]
+    assert [outcome.ok for outcome in side.outcomes] == [True]
 
 
 @pytest.mark.parametrize("repeats", [1, 2])
@@ -426,7 +426,7 @@ def test_a_break_fails_no_exchange_that_begins_after_it(repeats: int) -> None:
     side.run(10 * MS)
     side.gets(b"=12", whole=True)
     side.line_break()
-    assert [one.ok for one in side.outcomes] == [True]
+    assert [outcome.ok for outcome in side.outcomes] == [True]
     side.run(10 * MS)
     side.line_break()
     assert [one.outcome for one in side.outcomes] == ["", "interrupted"]

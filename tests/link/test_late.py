@@ -81,7 +81,7 @@ class Side:
 
     @property
     def values(self) -> list[Any]:
-        return [list(one.values) if one.ok else one.outcome for one in self.results]
+        return [list(result.values) if result.ok else result.outcome for result in self.results]
 
     @property
     def late(self) -> int:
@@ -132,7 +132,7 @@ def test_the_second_reply_to_a_repeated_request_is_waited_for() -> None:
     side.reply(2)
     assert side.values == [[11], [22]]
     assert side.late == 1 and side.unasked == [], "counted, and offered to nobody"
-    (shown,) = [one for one in side.seen if one.kind == "not_taken"]
+    (shown,) = [event for event in side.seen if event.kind == "not_taken"]
     assert shown.frame == "values" and shown.reason.startswith("late")
 
 
@@ -395,7 +395,9 @@ def test_frames_by_themselves_wait_too() -> None:
     fields = {"station": 3, "address": 5, "count": 1}
     side.do(side.engine.send_frame("read", side.now, fields))
     assert len(side.sent) == 1
-    assert [one.frame for one in side.seen if one.kind == "frame" and one.direction == "out"] == ["read"], "not yet"
+    assert [event.frame for event in side.seen if event.kind == "frame" and event.direction == "out"] == ["read"], (
+        "not yet"
+    )
     side.until(1500 * MS)
     side.reply(0)
     assert len(side.sent) == 2

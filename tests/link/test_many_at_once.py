@@ -48,4 +48,4 @@ def test_frames_without_end_in_one_piece_are_no_circle(monkeypatch: pytest.Monke
     engine.opened(0)
     engine.receive(b"".join(number.to_bytes(2, "big") + READ for number in range(300)), 1000)
     assert [frame.fields["transaction"] for frame in taken] == list(range(300))
-    assert [one for one in seen if one.kind == "trouble"] == []
+    assert [event for event in seen if event.kind == "trouble"] == []

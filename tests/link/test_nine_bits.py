@@ -41,7 +41,7 @@ class Side:
 
     @property
     def bad(self) -> list[tuple[str, str, bytes]]:
-        return [(one.frame, one.reason, one.raw) for one in self.seen if one.kind == "bad"]
+        return [(event.frame, event.reason, event.raw) for event in self.seen if event.kind == "bad"]
 
 
 class World:
@@ -71,7 +71,7 @@ class World:
 
 
 def with_marks(data: bytes, faults: tuple[CharacterFault, ...]) -> str:
-    marks = {one.index for one in faults if one.fault is LineFault.MARK}
+    marks = {fault.index for fault in faults if fault.fault is LineFault.MARK}
     return " ".join(f"{byte:02X}{'*' if index in marks else ''}" for index, byte in enumerate(data))
 
 

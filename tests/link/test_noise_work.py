@@ -178,7 +178,7 @@ def test_of_a_crowd_of_bad_frames_the_first_are_told_and_then_one_for_many_bytes
     seen: list[Seen] = []
     _, hearing = calls("modbus-rtu", "server", cut(b"\xff" * 4000, size), seen.append)
     hearing.tick(3_600_000_000_000)
-    bad = [one for one in seen if one.kind == "bad"]
+    bad = [event for event in seen if event.kind == "bad"]
     assert all(one.reason and one.frame for one in bad)
     reported = sum(len(one.raw) for one in seen if one.kind in ("bad", "noise"))
     assert MOST_BAD <= len(bad) == hearing.counters.bad <= MOST_BAD + 4000 // BAD_APART + 1
@@ -201,7 +201,7 @@ def test_of_a_crowd_of_frames_broken_off_or_damaged_only_some_are_told(unit: byt
     seen: list[Seen] = []
     data = unit * (3000 // len(unit))
     count, hearing = calls("df1", "full", cut(data + b"\x10\x06", size), seen.append)
-    bad = [one for one in seen if one.kind == "bad"]
+    bad = [event for event in seen if event.kind == "bad"]
     assert MOST_BAD <= len(bad) == hearing.counters.bad <= MOST_BAD + len(data) // BAD_APART + 1
     reported = [one.raw for one in seen if one.kind in ("bad", "noise")]
     assert sum(map(len, reported)) == len(data)
@@ -341,7 +341,7 @@ frames:
                 count = calls_of(hearing, cut(data, size))
             assert count / len(data) < MOST_BY_NUMBER, (data[:8].hex(), size)
             hearing.receive(b"\0" * 300 + good, 2_000_000_000)
-            assert [one.frame for one in seen if one.kind == "frame"] == ["m42"]
+            assert [event.frame for event in seen if event.kind == "frame"] == ["m42"]
 
 
 @pytest.mark.parametrize("name", ["a", "b"])
@@ -361,7 +361,7 @@ frames:
     hearing.opened(0)
     hearing.receive(b"\x01\x07\x03\x11\x23" + good, 1_000_000_000)
     hearing.tick(1_020_000_000)
-    assert [(one.frame, one.raw) for one in seen if one.kind == "frame"] == [(name, good)]
+    assert [(event.frame, event.raw) for event in seen if event.kind == "frame"] == [(name, good)]
 
 
 @pytest.mark.parametrize("name", spread(NAMES, 4, part=4))

@@ -546,7 +546,7 @@ def test_a_bad_frame_does_not_wait_for_a_longer_one_that_is_bad_already() -> Non
     assert receiver.waiting == ()
     stream = bad + good + bad + bad + good
     whole = feed(receiver_of(LONGER), [stream], names)
-    assert [one[0] for one in whole if one[0] != "noise"] == ["bad", "frame", "bad", "bad", "frame"]
+    assert [event[0] for event in whole if event[0] != "noise"] == ["bad", "frame", "bad", "bad", "frame"]
     assert feed(receiver_of(LONGER), [stream[at : at + 1] for at in range(len(stream))], names) == whole
     random = Random(5)
     for _ in range(50):

@@ -40,7 +40,7 @@ class Shown:
     def frames(self) -> list[Seen]:
         assert {record[0] for record in self.tape.records} <= {"mark"}
         seen = self._seen or [seen_of(record) for record in self.tape.records]
-        return [one for one in seen if one.kind == "frame"]
+        return [event for event in seen if event.kind == "frame"]
 
 
 WAYS = pytest.mark.parametrize("as_records", [False, True], ids=["at once", "records"])
@@ -80,7 +80,7 @@ def test_names_of_a_frame_are_kept_until_a_parameter_is_set(as_records: bool) ->
         engine.send_frame("told", 10 * number, {"what": number})
         engine.sent(10 * number)
     wide, narrow = "more", "what"
-    found = [(one.at, list(one.fields)[-1]) for one in shown.frames]
+    found = [(frame.at, list(frame.fields)[-1]) for frame in shown.frames]
     assert found == [(0, wide), (10, wide), (20, narrow), (30, wide), (40, narrow), (50, narrow)]
 
 
@@ -96,7 +96,7 @@ def test_a_tape_asks_for_its_reader_once_until_it_is_read() -> None:
         engine.sent(number)
         engine.receive(bytes([2, 1, 2]), number)
     assert shown.begun == 2
-    assert [(one.direction, one.at, one.raw) for one in shown.frames] == [
+    assert [(frame.direction, frame.at, frame.raw) for frame in shown.frames] == [
         ("out", 1, b"\2\1\2"), ("in", 1, b"\2\1\2"), ("out", 2, b"\2\1\2"), ("in", 2, b"\2\1\2"),
     ]  # fmt: skip
     shown.tape.take()
@@ -131,7 +131,7 @@ def test_lists_that_the_program_changes_later_are_shown_as_they_were(as_records:
     values[0] = 77
     engine.sent(0)
     engine.receive(bytes.fromhex("7E 03 04"), 0)
-    shown = [(one.direction, one.fields) for one in monitor.frames]
+    shown = [(frame.direction, frame.fields) for frame in monitor.frames]
     assert shown == [("out", {"xs": [1, 2]}), ("in", {"xs": [3, 4]})]
 
 

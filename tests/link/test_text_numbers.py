@@ -102,7 +102,7 @@ def received(pieces: list[bytes]) -> list[tuple[Any, ...]]:
 def test_a_stream_of_sentences_however_it_is_cut() -> None:
     stream = b"\xff$GP" + RMC + GGA.replace(b"*47", b"*48") + GGA + RMC.replace(b"022.4", b"") + RMC
     whole = received([stream])
-    good = [one[:3] for one in whole if one[0] == "frame"]
+    good = [event[:3] for event in whole if event[0] == "frame"]
     assert good == [("frame", "rmc", RMC), ("frame", "gga", GGA), ("frame", "rmc", RMC)]
     assert received([stream[place : place + 1] for place in range(len(stream))]) == whole
     random = Random("sentences")

@@ -143,7 +143,7 @@ def test_a_word_that_means_two_things_is_a_problem(tmp_path: Path) -> None:
     text = FRACTION.replace("{field: level, type: i16, scale: 0.1}", "{field: level, type: u8, values: {1: text}}")
     found = problems_of(text.replace("{SET: {level: level}}", "{SET: {level: text}}"))
     assert any("'text' is a name of the address here, and 'level' has a value 'text'" in one for one in found), found
-    assert not any("name of the address" in one for one in problems_of(text))
+    assert not any("name of the address" in problem for problem in problems_of(text))
 
 
 def test_a_value_is_no_frame_and_layout_at_once() -> None:

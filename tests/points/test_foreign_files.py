@@ -47,7 +47,7 @@ def errors_of(*sinks: str) -> list[str]:
     with pytest.raises(DefinitionError) as error:
         run.start()
     run.stop()
-    return [str(one).removeprefix(f"{os.getcwd()}/") for one in error.value.problems]
+    return [str(problem).removeprefix(f"{os.getcwd()}/") for problem in error.value.problems]
 
 
 def files() -> set[str]:

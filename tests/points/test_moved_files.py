@@ -302,7 +302,7 @@ def test_a_deleted_state_is_written_again_though_it_has_not_changed(tmp_path: Pa
     run.run_for(3)
     run.stop()
     assert (tmp_path / "a.state").exists()
-    assert [one.text for one in reports] == [f"state {tmp_path}/a.state: {MOVED}"]
+    assert [report.text for report in reports] == [f"state {tmp_path}/a.state: {MOVED}"]
 
 
 @pytest.mark.parametrize("name", ["a.pcap", "a.jsonl"])
@@ -353,6 +353,6 @@ def test_a_run_reports_moved_files_and_loses_no_value(tmp_path: Path) -> None:
     with closing(sqlite3.connect(tmp_path / "a.db")) as database:
         assert database.execute("SELECT count(*) FROM history").fetchone() == (2 * after,)
     assert before + after == 15 and before in (4, 5) and not run.lost
-    assert sorted(one.text for one in reports) == [
+    assert sorted(report.text for report in reports) == [
         f"sink csv {tmp_path}/a.csv: {MOVED}", f"sink sqlite {tmp_path}/a.db: {MOVED}",
     ]  # fmt: skip

@@ -174,7 +174,7 @@ def test_tls_with_user_and_password(
         path = boiler(tmp_path, broker.port, ", user: anna, password: env:BROKER_PASSWORD, tls: ca.pem")
         with VirtualRun(path) as run:
             run.run_for("1500 ms")
-            assert [one.partition(": ")[2] for one in run.problems] == [
+            assert [problem.partition(": ")[2] for problem in run.problems] == [
                 f"the broker 127.0.0.1:{broker.port} refuses: Not authorized"
             ]
         (tmp_path / "secret").write_text("s3cret\n")
@@ -222,7 +222,7 @@ def test_each_topic_has_one_meaning(tmp_path: Path) -> None:
     ):  # fmt: skip
         with pytest.raises(DefinitionError) as error:
             loaded(boiler(tmp_path, 1883, more))
-        assert [str(one).partition(": ")[2] for one in error.value.problems] == [f"{text} – {todo}"]
+        assert [str(problem).partition(": ")[2] for problem in error.value.problems] == [f"{text} – {todo}"]
     path = boiler(tmp_path, 1883)
     path.write_text(path.read_text("utf-8").replace("  mode:", "  status:"), "utf-8")
     with pytest.raises(DefinitionError, match="the status of the run and the point status would have one topic"):

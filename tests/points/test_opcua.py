@@ -159,7 +159,7 @@ def test_a_client_writes_what_may_be_written(
         with_client(port, work)
         assert run.device("meter").read("40005") == [33]
     messages = [record.getMessage() for record in caplog.records if "by OPC UA" in record.getMessage()]
-    assert any("setpoint" in one and "33" in one and "127.0.0.1" in one for one in messages)
+    assert any("setpoint" in message and "33" in message and "127.0.0.1" in message for message in messages)
     assert any("99 is not in 0..50" in one for one in messages)
 
 

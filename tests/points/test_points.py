@@ -499,7 +499,7 @@ def test_a_change_beside_a_point_is_none_and_clock_bits_tick(tmp_path: Path) -> 
     run.run_for("2600 ms")
     run.memory["M02005"] = 1
     run.run_for("1 ms")
-    assert [one for one in changes if one[0] == "bit"] == [("bit", None, "failed")]
+    assert [change for change in changes if change[0] == "bit"] == [("bit", None, "failed")]
     assert len([one for one in changes if one[0] == "clock"]) >= 4
     run.stop()
 

@@ -14,7 +14,7 @@ HEAD = "run: plant\nchannels:\n"
 def problems(folder: Path, text: str) -> list[str]:
     """Return the errors of a run file without its name."""
     path = folder / "plant.run.yaml"
-    return [str(one).removeprefix(f"{path}:") for one in read_run(path, text).problems if not one.warning]
+    return [str(problem).removeprefix(f"{path}:") for problem in read_run(path, text).problems if not problem.warning]
 
 
 def channel(number: int, keys: str) -> str:
@@ -112,7 +112,7 @@ def test_a_broken_station_of_a_channel_makes_no_other_errors(tmp_path: Path) -> 
         + channel(1, "port: /dev/ttyX, protocol: modbus-rtu, station: x")
         + 'points: {a: {channel: 1, address: "40001"}}\n'
     )
-    assert [one[:4] for one in problems(tmp_path, text)] == ["3:55"]
+    assert [problem[:4] for problem in problems(tmp_path, text)] == ["3:55"]
 
 
 # ---- keys of a channel whose protocol is wrong ---------------------------------------------------------------------
@@ -123,7 +123,7 @@ def test_a_channel_of_an_unknown_protocol_is_checked_otherwise(tmp_path: Path) -
         "    format: 9X1\n    silence: 3 chars\n    dead: {failures: 0}\n    connect_timeout: 0 s\n"
         "    clients: 10.0.0.300\n    type: rs422\n    direction: {by: rts, before: 3 h}\n"
     ) + 'points: {a: {channel: 1, address: "4000x", range: 5..1}}\n'  # fmt: skip
-    assert [one.split(" – ")[0] for one in problems(tmp_path, text)] == [
+    assert [problem.split(" – ")[0] for problem in problems(tmp_path, text)] == [
         "4:11: '10.0.0.1:99999': the number of a port is 65535 at most",
         "5:15: there is no definition 'modbus-tpc'",
         "7:13: '9X1' is not a line format (8N1 or 7E1), in channel 1",
@@ -151,4 +151,4 @@ def test_a_channel_of_an_unknown_protocol_is_checked_otherwise(tmp_path: Path) -
 def test_every_key_of_a_sink_is_checked(tmp_path: Path, sink: str, found: list[str]) -> None:
     text = HEAD + channel(1, "port: /dev/ttyX, protocol: modbus-rtu, station: 1")
     text += f'points: {{a: {{channel: 1, address: "40001"}}}}\nsinks:\n  - {sink}\n'
-    assert [one.split(":")[:2] for one in problems(tmp_path, text)] == [["6", one] for one in found]
+    assert [problem.split(":")[:2] for problem in problems(tmp_path, text)] == [["6", one] for one in found]

@@ -287,7 +287,7 @@ def test_a_run_does_not_start_without_its_files(tmp_path: Path) -> None:
             run.start()
         assert not run.running
         run.stop()
-        assert [str(one).partition(f"{path}:")[2] for one in error.value.problems] == [
+        assert [str(problem).partition(f"{path}:")[2] for problem in error.value.problems] == [
             f"8:5: {tmp_path}/taken/values.csv cannot be opened and written: Not a directory – "
             "make room or change its permissions, or name another file",
             f"10:5: {tmp_path}/folder is a folder – move it away, or name another file",
@@ -305,7 +305,7 @@ def test_a_missing_folder_is_an_error_at_the_start(tmp_path: Path) -> None:
         run.start()
     run.stop()
     assert not (tmp_path / "log").exists()
-    assert [str(one).partition(f"{path}:")[2] for one in error.value.problems] == [
+    assert [str(problem).partition(f"{path}:")[2] for problem in error.value.problems] == [
         f"{line}:5: {tmp_path}/log/{name} cannot be opened and written: the folder {tmp_path}/log does not exist – "
         "make the folder, or name another file"
         for line, name in ((8, "a.csv"), (9, "a.db"), (10, "b.db"))
@@ -331,14 +331,14 @@ def test_a_file_that_cannot_be_written_later_is_told_at_once_and_when_it_is_well
             )
         ]
         status = run.status()
-        assert [(one.name, one.reason, one.waiting, one.lost) for one in status.troubles] == [
+        assert [(trouble.name, trouble.reason, trouble.waiting, trouble.lost) for trouble in status.troubles] == [
             (name, "No space left on device", 3, 0)
         ]
         assert run.problems == [f"{name}: No space left on device"]
         assert status.sinks[0].problem == "No space left on device"
     run.run_for("1 s")
     run.stop()
-    assert [one.text for one in reports[1:]] == [f"{name}: works again after 3.0 s, no sample was lost"]
+    assert [report.text for report in reports[1:]] == [f"{name}: works again after 3.0 s, no sample was lost"]
     assert (run.problems, run.status().troubles) == ([], ())
     assert [line[17:19] for line in lines_of(tmp_path / "every.csv")[1:]] == ["01", "02", "03", "04", "05"]
 
@@ -539,7 +539,7 @@ def test_an_answer_that_cannot_be_told_is_logged(caplog: pytest.LogCaptureFixtur
     host = SinkHost("plant", cast(Clock, None), cast(PointService, Points()))
     for value in ("much", 5):
         host.write("level", value, "anna", report)
-    lost = [one.getMessage() for one in caplog.records if "lost" in one.getMessage()]
+    lost = [record.getMessage() for record in caplog.records if "lost" in record.getMessage()]
     head = "point level: the answer to anna is lost: too deep, "
     assert lost == [head + "'much' is no number", head + "well"]
 

@@ -136,7 +136,7 @@ class Sending(Sink):
 
     def write(self, samples: Sequence[Sampled]) -> int:
         self.on_write()
-        self.taken += [value.value for one in samples for value in one.values]
+        self.taken += [value.value for sample in samples for value in sample.values]
         return len(samples)
 
     def close(self) -> None: ...

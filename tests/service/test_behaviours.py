@@ -297,7 +297,7 @@ behave:
 """
     with pytest.raises(framekit.DefinitionError) as error:
         World(tmp_path, memory + behave)
-    assert [(one.at.column, one.what) for one in error.value.problems] == [
+    assert [(problem.at.column, problem.what) for problem in error.value.problems] == [
         (memory.index('"40001"') + 1, "'40001' has no effect: its value is that of behave: from the start on"),
         (memory.index('"40003"') + 1, "'40003' has no effect: its value is that of behave: from the start on"),
     ]

@@ -218,7 +218,7 @@ def test_a_frame_that_comes_damaged_is_an_abnormal_completion_of_the_block_that_
     bench.clock.run_for(20 * SECOND)
     assert bench.counts(1) == (sent // 2, sent // 2), "a block that is off fails no more than it takes"
     states = bench.service.states.values()
-    assert all(one.started == one.done + one.failed for one in states)
+    assert all(state.started == state.done + state.failed for state in states)
 
 
 def address_words(text: str) -> list[int]:

@@ -61,7 +61,7 @@ def test_a_datagram_is_established_defined_and_updated_in_one_session(tmp_path: 
             " when: block 1 done",
         ),
     )
-    assert [(one.done, one.failed, one.last_failure) for one in service.status()] == [(1, 0, None)] * 3
+    assert [(status.done, status.failed, status.last_failure) for status in service.status()] == [(1, 0, None)] * 3
     assert service.memory.read("R", "word", 0, 1) == [1]
     assert service.memory.read("R", "word", 99, 3) == [0x2219, 0x1205, 0x000A]
 
@@ -97,7 +97,7 @@ def test_a_program_comes_from_a_file(tmp_path: Path) -> None:
             params=PROGRAMMER,
         ),
     )
-    assert [(one.done, one.failed, one.last_failure) for one in service.status()] == [(1, 0, None)] * 2
+    assert [(status.done, status.failed, status.last_failure) for status in service.status()] == [(1, 0, None)] * 2
     assert service.memory.read("R", "word", 0, 3) == [0x0100, 0x0302, 0x0504]
 
 

@@ -246,5 +246,5 @@ def test_a_port_closed_while_bytes_still_leave_it_is_shown_closed_after_them(tmp
     request = bytes.fromhex("01 03 00 00 00 02 C4 0B")
     path = written(tmp_path / "x.pcap", [LineEvent("data", 1_000, "out", request), LineEvent("closed", 2_000)])
     seen = [one for _, one in CaptureDecoder(path, load_protocol("modbus-rtu")).seen()]
-    assert [(one.kind, one.frame) for one in seen] == [("frame", "request_adu"), ("closed", "")]
+    assert [(event.kind, event.frame) for event in seen] == [("frame", "request_adu"), ("closed", "")]
     assert seen[0].at == seen[1].at > 2_000

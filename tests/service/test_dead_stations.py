@@ -62,7 +62,7 @@ def test_with_one_dead_station_the_others_keep_their_rate(tmp_path: Path) -> Non
             assert counters.done >= 0.99 * seconds, number
         else:
             assert counters.done == seconds, "other channels do not even notice"
-    assert [one.block for one in service.status() if one.dead] == [DEAD]
+    assert [status.block for status in service.status() if status.dead] == [DEAD]
 
 
 RUN = """run: back
@@ -148,7 +148,7 @@ def test_with_the_defaults_a_dead_station_costs_its_neighbours_little(tmp_path: 
     clock.run_for(25 * SECOND)
     attempts = len(tries)
     assert 4 <= service.states[1].failed == attempts - 2 <= 6, "three tries at first, then one each"
-    assert [one.block for one in service.status() if one.dead] == [1]
+    assert [status.block for status in service.status() if status.dead] == [1]
     for number in (0, 2):
         assert len(ends[number]) >= 15, ends[number]
         gaps = [later - earlier for earlier, later in pairwise(ends[number])]

@@ -131,7 +131,7 @@ def test_control_lines_know_the_edited_run(tmp_path: Path) -> None:
 def test_what_removed_blocks_counted_stays_in_the_totals(tmp_path: Path) -> None:
     bench = Bench(tmp_path)
     bench.clock.run_for(5 * SECOND + 500 * MS)
-    before = {one.number: (one.services, one.errors) for one in run_status(bench.service).channels}
+    before = {channel.number: (channel.services, channel.errors) for channel in run_status(bench.service).channels}
     assert before == {1: (11, 0), 2: (5, 0)} and run_status(bench.service).removed == ()
     bench.edit(("into: M1, every: 1 s", "into: M101, every: 2 s"), (RUN[RUN.index('  2: {read: "40002"') :], ""))
     status = run_status(bench.service)

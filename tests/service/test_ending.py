@@ -97,7 +97,7 @@ class Bench:
         self.ended_at = self.clock.now()
 
     def frames(self) -> list[str]:
-        return [one.frame for one in self.seen if one.kind == "frame" and one.frame]
+        return [event.frame for event in self.seen if event.kind == "frame" and event.frame]
 
 
 def test_a_session_is_closed_by_all_its_sequences_before_the_port_is(run_file: Path) -> None:

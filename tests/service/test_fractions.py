@@ -115,7 +115,7 @@ def test_where_a_fraction_cannot_be_stored_nothing_is(folder: Path) -> None:
     )
     path = run_of(folder, '{call: get, into: {t: M100.3, x: "%MB7"}, every: 1 s}')
     messages = [str(problem).partition(": ")[2] for problem in check_file(str(path)).problems]
-    assert [one.partition(" – ")[0] for one in messages] == [
+    assert [message.partition(" – ")[0] for message in messages] == [
         "'t' may have a fraction, and M100.3 is a bit", "'x' may have a fraction, and %MB7 is a byte",
     ]  # fmt: skip
 

@@ -150,7 +150,7 @@ def test_a_late_reply_is_not_taken_by_the_next_channel_on_the_line(
     world = World(tmp_path, monkeypatch)
     change(world)
     assert world.second(15 * SECOND) == [1002]
-    assert sum(one.engine.counters.late for one in world.service.channels.values()) == 1
+    assert sum(channel.engine.counters.late for channel in world.service.channels.values()) == 1
 
 
 def test_a_request_under_way_as_the_run_stops_is_late_in_the_next_run(

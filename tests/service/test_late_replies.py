@@ -76,7 +76,7 @@ def test_late_lost_and_damaged_ones_together(name: str) -> None:
     world = LateWorld(name, *rules, watched=True)
     world.exchanges(250)
     assert world.wrong == [] and world.outcomes.total() == 250 and world.late > 0
-    late_frames = [one for one in world.seen if one.kind == "not_taken" and one.reason.startswith("late")]
+    late_frames = [event for event in world.seen if event.kind == "not_taken" and event.reason.startswith("late")]
     assert len(late_frames) == world.late
 
 
@@ -281,7 +281,7 @@ def test_a_write_is_sent_once_where_retries_are_0(name: str, retries: int, sent:
     world.clock.run_until(7 * SECOND)
     world.seen.clear()
     assert world.write(7).ok
-    requests = [one for one in world.seen if one.kind == "frame" and one.direction == "out"]
+    requests = [event for event in world.seen if event.kind == "frame" and event.direction == "out"]
     assert len(requests) == sent
     assert world.clock.now() > 20 * SECOND if retries == 0 else world.clock.now() < 12 * SECOND
 

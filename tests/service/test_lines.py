@@ -172,7 +172,7 @@ def test_in_real_time_too_no_time_ends_while_the_frame_that_should_stop_it_arriv
     service = RunService(load_run(tmp_path / "x.run.yaml"), AsyncioClock(loop), lambda channel, one: seen.append(one))  # type: ignore[arg-type]
     service.start()
     loop.run_until(2 * SECOND)
-    assert [one.frame for one in seen if one.kind == "frame"] == ["ask", "back"]
+    assert [event.frame for event in seen if event.kind == "frame"] == ["ask", "back"]
     assert service.states[0].done == 1
 
 

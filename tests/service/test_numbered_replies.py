@@ -66,7 +66,7 @@ def test_a_late_reply_between_two_requests_is_shown_as_such(name: str) -> None:
     assert world.exchange() == "no_reply"
     world.seen.clear()
     world.clock.run_for(2 * SECOND)
-    (late,) = [one for one in world.seen if one.kind == "not_taken"]
+    (late,) = [event for event in world.seen if event.kind == "not_taken"]
     assert late.frame.startswith("reply") and late.reason == "late: the reply to a request that is over"
     assert world.late == 1
 
@@ -112,7 +112,7 @@ class Asking:
         self._leave(self.engine.opened(0), 0)
 
     def _leave(self, commands: list[Command], now: int) -> None:
-        for _ in [one for one in commands if isinstance(one, Send)]:
+        for _ in [command for command in commands if isinstance(command, Send)]:
             self._leave(self.engine.sent(now), now)
 
     def ask(self, now: int) -> None:

@@ -213,6 +213,6 @@ PROGRAMS: dict[str, Callable[[Made], Made]] = {
 def test_its_program_makes_what_vectors_say_of_it(name: str) -> None:
     vectors = yaml.load(file_of(f"{name}.vectors.yaml").read_text(encoding="utf-8"), yaml.BaseLoader)
     cases = [one for one in vectors["frames"] if "second_source" in one]
-    wires = {one.get("name", one["frame"]): parse_wire(one["bytes"]).exact for one in cases}
+    wires = {case.get("name", case["frame"]): parse_wire(case["bytes"]).exact for case in cases}
     assert len(wires) == len(cases) and None not in wires.values()
     assert PROGRAMS[name](wires) == wires

@@ -54,7 +54,7 @@ def done(service: RunService) -> list[int]:
 def test_blocks_of_several_sets_run_side_by_side(service: RunService, clock: VirtualClock) -> None:
     clock.run_for(10 * SECOND + SECOND // 4)
     assert done(service) == [10, 10, 20, 0, 0], "block 1 of set 1 follows block 0 of its own set only"
-    assert [(one.set, one.block) for one in service.status()] == [(1, 0), (1, 1), (2, 0), (2, 1), (8, 63)]
+    assert [(status.set, status.block) for status in service.status()] == [(1, 0), (1, 1), (2, 0), (2, 1), (8, 63)]
     assert service.memory.read("M", "word", 100, 3) == [7, 8, 9]
     assert service.memory.read("L", "dword", (625 + 6 * 64 + 2) // 2, 1) != [0], "words of set 2 stand behind set 1"
 
@@ -151,7 +151,7 @@ def test_counters_add_up_whatever_is_switched(seed: int, tmp_path: Path, clock: 
         for one in blocks:
             assert one.started - one.done - one.failed == one.running, one
             assert not (one.running and one.waiting)
-        assert sum(one.running for one in blocks) <= len(blocks)
+        assert sum(block.running for block in blocks) <= len(blocks)
         assert channel.services == sum(one.done for one in blocks)
         assert channel.errors == sum(one.failed for one in blocks) == sum(channel.reasons.values())
         failed += channel.errors
@@ -159,4 +159,4 @@ def test_counters_add_up_whatever_is_switched(seed: int, tmp_path: Path, clock: 
     for number in service.states:
         service.enable(number, False)
     clock.run_for(10 * SECOND)
-    assert not any(one.running or one.waiting for one in service.status()), "what ran has ended"
+    assert not any(status.running or status.waiting for status in service.status()), "what ran has ended"

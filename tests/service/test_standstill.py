@@ -37,7 +37,7 @@ def test_a_suspended_process_is_reported_once() -> None:
         (look,) = clock.looks
         clock.looks.clear()
         look()
-    assert [(one.event, one.text) for one in reports] == [
+    assert [(report.event, report.text) for report in reports] == [
         ("note", "run r: the process stood still for 40 s – it was suspended, or the machine asleep or overloaded")
     ]
     watch.stop()

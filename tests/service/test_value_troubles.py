@@ -86,7 +86,7 @@ class World:
 
     @property
     def shown(self) -> list[str]:
-        return [f"{one.name}: {one.reason}" for one in run_status(self.service).troubles]
+        return [f"{trouble.name}: {trouble.reason}" for trouble in run_status(self.service).troubles]
 
 
 REFUSED_THIRD = {"good1": "40001", "good2": "40005", "gone": "40100"}
@@ -243,7 +243,7 @@ def test_a_trouble_that_comes_and_goes_is_reported_a_few_times_a_minute(tmp_path
     rules = ", ".join(f"{{fault: error_reply, from: {at} s, until: {at + 2} s}}" for at in range(4, 400, 4))
     world = World(write(tmp_path, rules))
     world.run(400)
-    assert 6 <= len([one for one in world.reports if one[1] == "begins"]) <= 3 * 7
+    assert 6 <= len([report for report in world.reports if report[1] == "begins"]) <= 3 * 7
     assert len(world.reports) <= 6 * 7
 
 
@@ -276,7 +276,7 @@ def test_a_wait_for_late_replies_is_reported(tmp_path: Path) -> None:
         reports += world.run(1)
         shown += world.shown
     assert any(one.startswith(f"channel 1: no reply{ALL}; waits up to ") for one in shown), shown
-    assert not any("for late replies" in one for one in reports), "it is a consequence"
+    assert not any("for late replies" in report for report in reports), "it is a consequence"
     world.run(60)
     assert world.shown == []
 
@@ -388,7 +388,7 @@ def test_status_json_and_metrics_agree(tmp_path: Path, capsys: pytest.CaptureFix
     world = World(Path(path))
     world.run(20)
     (failing, _) = _of_troubles(run_status(world.service))
-    assert [(one.labels, one.value) for one in failing.samples] == [({"run": "r", "name": "channel 1"}, 1.0)]
+    assert [(sample.labels, sample.value) for sample in failing.samples] == [({"run": "r", "name": "channel 1"}, 1.0)]
 
 
 def test_with_a_log_each_line_stands_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -468,7 +468,7 @@ def test_the_first_line_has_the_cause_that_the_device_has_shown(tmp_path: Path) 
     path.write_text(path.read_text().replace("station: 1,", "station: 1, params: {reply_timeout: 5 s},"))
     reports = World(path).run(60)
     assert "wrong check code (expected " in reports[0]
-    assert not any("not read" in one or "for late replies" in one.split(" – ")[0] for one in reports)
+    assert not any("not read" in report or "for late replies" in report.split(" – ")[0] for report in reports)
 
 
 def test_a_quick_station_on_the_line_makes_no_slow_station_slower(tmp_path: Path) -> None:

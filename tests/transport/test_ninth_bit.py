@@ -215,7 +215,7 @@ def test_a_marked_byte_comes_as_one_with_a_parity_fault(
             master.write(stream)
             kind, (data, faults) = await events.queue.get()
             assert kind == "received" and len(data) == 2
-            assert all(isinstance(one, CharacterFault) for one in faults)
+            assert all(isinstance(fault, CharacterFault) for fault in faults)
             assert {one.index: one.fault for one in faults} == expected
             port.close()
 

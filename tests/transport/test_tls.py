@@ -275,7 +275,7 @@ def test_connections_that_say_nothing_shut_out_none(files: Certificates, caplog:
         with framekit.connect("modbus-tcp", f"{server.port}?ca={files.ca}", station=1) as client:
             assert client.read("40001") == [7]
         assert server._server.line_errors["connections refused"] >= 70 - MOST_OF_ONE_ADDRESS
-    assert [one for one in caplog.messages if "connections refused" in one] == [
+    assert [message for message in caplog.messages if "connections refused" in message] == [
         "127.0.0.1 has too many connections: connections refused; they are counted from now on"
     ]
 

@@ -534,7 +534,7 @@ def test_what_was_changed_while_a_run_goes_on_stays_changed(tmp_path: Path) -> N
             for text in (other, more):
                 answers += watcher.fleet.roll(["one"], text.encode(), TOKEN)
                 (path.parent / "meter.device.yaml").unlink(missing_ok=True)
-            assert [one.ok for one in answers] == [True, True], answers
+            assert [answer.ok for answer in answers] == [True, True], answers
             assert answers[0].how.startswith("applied while it goes on: channel 1 changed"), answers
             watcher.wait("one", lambda one: is_well(one) and one.birth["points"] == 2)
             assert path.read_text() == more

@@ -57,7 +57,7 @@ def fuzz(name: str, size: int, seed: int, folder: Path) -> Fuzzed | None:
     if not made.in_streams:
         return None
     codec = compile_protocol(definition)
-    fixed = {one.name: constant_number(one.is_) for one in definition.params.values()}
+    fixed = {parameter.name: constant_number(parameter.is_) for parameter in definition.params.values()}
     context = {**codec.defaults, **{name: one for name, one in fixed.items() if one is not None}}
     (folder / "fuzz.c").write_text(_program(made, _seeds(made, codec, context)))
     quick = "-O1" if size > 1_000_000 else "-O0"  # optimizing takes longer than it saves with fewer bytes
@@ -75,7 +75,7 @@ def _seeds(made: Generated, codec: Codec, context: dict[str, object]) -> list[by
     found: list[bytes] = []
     for frame in made.in_streams:
         samples = Sampler(codec, context).samples(frame, max(2, MOST_SEEDS // len(made.in_streams)))
-        found += [one.data for one in samples if 0 < len(one.data) <= MOST_SEED]
+        found += [sample.data for sample in samples if 0 < len(sample.data) <= MOST_SEED]
     return list(dict.fromkeys(found))[:MOST_SEEDS]
 
 

@@ -74,7 +74,7 @@ class CProtocol:
     def __init__(self, definition: Protocol, folder: Path, most: int = 1024, sanitized: bool = True) -> None:
         self.definition = definition
         self.codec = compile_protocol(definition)
-        fixed = {one.name: constant_number(one.is_) for one in definition.params.values()}
+        fixed = {parameter.name: constant_number(parameter.is_) for parameter in definition.params.values()}
         self.context = {**self.codec.defaults, **{name: one for name, one in fixed.items() if one is not None}}
         self.generated = generate(definition, most)
         made = self.generated
@@ -103,7 +103,7 @@ class CProtocol:
         return " ".join(["=", *tokens(values, self.generated.structs[frame], self.generated)])
 
     def samples(self, frame: str, count: int = 8) -> list[bytes]:
-        return [one.data for one in Sampler(self.codec, self.context).samples(frame, count)]
+        return [sample.data for sample in Sampler(self.codec, self.context).samples(frame, count)]
 
 
 def mutated(random_: random.Random, data: bytes, count: int) -> Iterator[bytes]:
@@ -716,7 +716,7 @@ def found_by_python(c: CProtocol, side: str, data: bytes) -> list[tuple[str, byt
     protocol = c.definition
     receiver = Receiver(c.codec, protocol, Scope(protocol, line=line_of(protocol)))
     frames = [protocol.frames[one] for one in c.generated.in_streams]
-    expected = tuple(one.name for one in frames if one.side in (side, "both"))
+    expected = tuple(frame.name for frame in frames if frame.side in (side, "both"))
     expected = tuple(sorted(expected, key=lambda one: protocol.frames[one].refuse is not None))
     found = feed(receiver, [data], expected) if expected else []
     return [(one[1], one[2]) for one in found if one[0] == "frame"]
@@ -740,7 +740,7 @@ def streams_of(c: CProtocol, side: str, seed: int, noisy: bool, count: int = 6) 
     """Return streams of a side: frames, noise, and frames with a change between them."""
     random_ = random.Random(seed)
     frames = [one for one in c.generated.in_streams if c.definition.frames[one].side in (side, "both")]
-    every = [one for frame in frames for one in c.samples(frame, 4) if one]
+    every = [sample for frame in frames for sample in c.samples(frame, 4) if sample]
     found = []
     for _ in range(count if every else 0):
         stream = b""

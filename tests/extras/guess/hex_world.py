@@ -40,7 +40,7 @@ def polled(count: int = 40) -> list[HeardBytes]:
 def hex_text(chunks: list[HeardBytes]) -> str:
     """Return the recording as the text of a hex file."""
     ways = {"out": ">", "in": "<", "": ""}
-    return "".join(f"{(one.time or 0) / 1e9:.3f} {ways[one.direction]} {one.data.hex(' ')}\n" for one in chunks)
+    return "".join(f"{(chunk.time or 0) / 1e9:.3f} {ways[chunk.direction]} {chunk.data.hex(' ')}\n" for chunk in chunks)
 
 
 class HexPage:

@@ -43,26 +43,26 @@ def registers(level: int, seed: int, extra: bool = False, count: int = 20) -> li
 
 def test_replies_to_equal_requests_are_compared() -> None:
     rows = differences(registers(1607, 1), registers(4000, 2))
-    assert [(one.offset, one.first, one.second) for one in rows] == [(3, "06", "0F"), (4, "47", "A0")]
+    assert [(row.offset, row.first, row.second) for row in rows] == [(3, "06", "0F"), (4, "47", "A0")]
     assert all("(asked 11 04 00 10 00 03)" in one.frame for one in rows)
     assert differences(registers(1607, 1), registers(1607, 2)) == []
 
 
 def test_with_a_definition_replies_to_equal_requests_are_compared() -> None:
     rows = definition_differences("modbus-rtu", registers(1607, 1), registers(4000, 2))
-    assert [(one.offset, one.first, one.second) for one in rows] == [(3, "06", "0F"), (4, "47", "A0")]
+    assert [(row.offset, row.first, row.second) for row in rows] == [(3, "06", "0F"), (4, "47", "A0")]
     assert {one.frame for one in rows} == {"reply_adu (asked station=17 function=4 address=16 count=3)"}
     assert definition_differences("modbus-rtu", registers(1607, 1), registers(1607, 2)) == []
 
 
 def test_a_counter_in_requests_does_not_part_them() -> None:
     rows = differences(meter(40, 215, 2, 1), meter(200, 3000, 500, 4))
-    assert [(one.offset, one.first, one.second) for one in rows] == [(4, "00", "09 to 0D, 5 values")]
+    assert [(row.offset, row.first, row.second) for row in rows] == [(4, "00", "09 to 0D, 5 values")]
 
 
 def test_what_one_recording_has_alone_is_told() -> None:
     rows = definition_differences("modbus-rtu", registers(1607, 1), registers(1607, 2, extra=True))
-    assert ("none", "20 frames") in [(one.first, one.second) for one in rows if one.field == "all of it"]
+    assert ("none", "20 frames") in [(row.first, row.second) for row in rows if row.field == "all of it"]
     rows = differences(registers(1607, 1), registers(1607, 2, extra=True))
     assert ("none", "20 frames") in [(one.first, one.second) for one in rows if one.field == "all of it"]
 
@@ -74,7 +74,7 @@ def test_other_protocols_are_told() -> None:
 
 def test_a_definition_that_reads_one_recording_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for name, chunks in (("one", registers(1607, 1)), ("two", meter(40, 215, 2, 1))):
-        lines = [f"{'>' if one.direction == 'out' else '<'} {one.data.hex(' ')}\n" for one in chunks]
+        lines = [f"{'>' if chunk.direction == 'out' else '<'} {chunk.data.hex(' ')}\n" for chunk in chunks]
         (tmp_path / name).write_text("".join(lines), "utf-8")
     words = ["diff", str(tmp_path / "one"), str(tmp_path / "two"), "--with", "modbus-rtu", "--json"]
     assert main(words) == 0

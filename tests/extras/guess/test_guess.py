@@ -98,13 +98,13 @@ def test_frames_in_two_pieces_are_put_together_where_the_check_says_so() -> None
 )
 def test_little_is_said_of_little(chunks: list[HeardBytes]) -> None:
     found = guess(chunks)
-    assert not any(one.is_sure for one in found.statements) and found.check is None
+    assert not any(statement.is_sure for statement in found.statements) and found.check is None
 
 
 def test_made_up_protocols() -> None:
     marks = [judged(draw_case(seed)) for seed in range(36)]
     assert sum(one.framing for one in marks) >= 34
-    checks = [one.check for one in marks if one.check is not None]
+    checks = [mark.check for mark in marks if mark.check is not None]
     assert sum(checks) >= 0.94 * len(checks)
     assert sum(len(one.wrong) for one in marks) <= 2
 
@@ -224,7 +224,7 @@ def test_a_counter_is_as_wide_as_its_carries_show() -> None:
         numbers = [(first + at).to_bytes(4, "big")[4 - width :] for at in range(60)]
         frames = [b"\x02" + number + b"\x07" + bytes([rng.randrange(256)]) for number in numbers]
         found = guess([HeardBytes(None, "", frame) for frame in frames])
-        return [(one.offset, one.size) for kind in found.kinds for one in kind.fields if one.kind == "counter"]
+        return [(field.offset, field.size) for kind in found.kinds for field in kind.fields if field.kind == "counter"]
 
     assert counters(10, 1) == [(1, 1)]
     assert counters(230, 2) == [(1, 2)]  # a carry into the high byte

@@ -63,7 +63,7 @@ def test_every_byte_has_its_row(page: HexPage) -> None:
     assert [row.data for row in noise] == [b"\x13\x37\x00"] and noise[0].fault
     for number, row in enumerate(table.rows):
         spans = table.spans(number)
-        assert row.kind == NOISE or [one.offset for one in spans] == [
+        assert row.kind == NOISE or [span.offset for span in spans] == [
             sum(one.size for one in spans[:at]) for at in range(len(spans))
         ]
 
@@ -111,7 +111,7 @@ def test_a_definition_gives_the_fields(page: HexPage) -> None:
     table = definition_table(page.path, polled())
     assert shown(table) == b"".join(chunk.data for chunk in polled())
     spans = table.spans(1)
-    assert [(one.offset, one.shade) for one in spans][:2] == [(0, "constant"), (1, "copy")]
+    assert [(span.offset, span.shade) for span in spans][:2] == [(0, "constant"), (1, "copy")]
     assert spans[-1].shade == "check"
     assert [row.data for row in table.rows if row.kind == NOISE] == [b"\x13\x37\x00"]
     session = HexBoard("with", table, []).session(Access(TOKEN), "test:1")
@@ -129,7 +129,7 @@ def test_frames_with_others_inside_have_the_names_of_these() -> None:
     assert [(kind.name, kind.frame) for kind in table.kinds] == [
         ("read_holding", "request_adu"), ("read_holding_reply", "reply_adu"),
     ]  # fmt: skip
-    assert [one.name.rpartition(".")[2] for one in table.spans(1)] == [
+    assert [span.name.rpartition(".")[2] for span in table.spans(1)] == [
         "station",
         "function",
         "bytes",
@@ -246,7 +246,7 @@ def test_a_browser_names_over_a_socket(page: HexPage) -> None:
             {"name": "level", "kind": "told", "first": 2, "size": 4, "type": "f32", "order": "big", "id": 7}
         )
         answers = [socket.receive_json() for _ in range(2)]
-        assert {"done": 7} in answers and any(one.get("round") == 2 for one in answers)
+        assert {"done": 7} in answers and any(answer.get("round") == 2 for answer in answers)
     assert "level" in page.path.read_text("utf-8")
 
 

@@ -105,7 +105,7 @@ def test_what_is_said_of_a_kind_is_counted_in_it() -> None:
         body = bytes(rng.randrange(256) for _ in range(size))
         pairs.append((bytes([7, at, function, 1]), bytes([7, at, function]) + body))
     found = guess(exchanges(pairs))
-    statements = {one.text: str(one.evidence) for one in found.statements}
+    statements = {statement.text: str(statement.evidence) for statement in found.statements}
     assert statements["told_20: byte 1 copy_1: as in the request"] == "12 of 12"
     answered = [text for text in statements if "is answered by" in text]
     assert answered and all("is answered by told_2" in text for text in answered)
@@ -116,7 +116,7 @@ def test_kinds_that_are_not_named_are_counted() -> None:
     for at in range(60):
         codes = [0x20, 0x30, 0x40, 0x50, 0x60][rng.randrange(5)]
         pairs.append((bytes([7, at]), bytes([7, at, codes]) + bytes(rng.randrange(256) for _ in range(codes >> 4))))
-    statements = [one.text for one in guess(exchanges(pairs)).statements]
+    statements = [statement.text for statement in guess(exchanges(pairs)).statements]
     assert any(" or 2 more (" in text for text in statements)
     assert "asked: byte 1 copy_1: goes up by one from frame to frame; the reply repeats it" in statements
 
@@ -125,4 +125,4 @@ def test_a_length_in_words_is_said_in_words() -> None:
     found = guess(meter(40, 215, 30, 2))
     abouts = [field.about for kind in found.kinds for field in kind.fields if field.kind == "length"]
     assert set(abouts) == {"it counts words: the frame has twice that, and 2 bytes more"}
-    assert any(one.text.endswith("big end first; equal frames count once") for one in found.statements)
+    assert any(statement.text.endswith("big end first; equal frames count once") for statement in found.statements)

@@ -74,7 +74,7 @@ def test_a_name_for_what_a_reply_repeats_goes_for_both_sides(meter: Guess) -> No
 
 
 def test_data_of_any_size_has_a_name_and_parts(meter: Guess) -> None:
-    data = next(one for kind in meter.kinds if kind.name == "told" for one in kind.fields if not one.size)
+    data = next(field for kind in meter.kinds if kind.name == "told" for field in kind.fields if not field.size)
     whole = named(meter, [FieldNaming("told", data.offset, 0, "all_of_it", "bytes")])
     assert "of: [all_of_it]" in drafted(whole, "meter", "line").text
     parted = named(meter, [FieldNaming("told", data.offset + 1, 2, "second", "u16", "little")])
@@ -136,7 +136,7 @@ def test_whatever_is_named_the_definition_reads_all_frames(meter: Guess) -> None
             continue
         accepted += 1
         for each in found.kinds:
-            places = [(one.offset, one.size) for one in each.fields if one.offset >= 0]
+            places = [(field.offset, field.size) for field in each.fields if field.offset >= 0]
             assert all(first + size == second for (first, size), (second, _) in pairwise(places))
         if accepted % 5 == 1:
             assert drafted(found, "meter", "line").problems == ()
@@ -189,7 +189,7 @@ def test_the_file_is_written_anew_with_each_name(meter: Guess, tmp_path: Path) -
         names.give(FieldNaming("told", 7, 1, "level", "u8"))
     assert path.read_text("utf-8") == good
     names.give(FieldNaming("told", 3, 2, "high", "u16"))  # the overlapping name `level` is removed
-    assert [one.name for one in names.namings] == ["station", "high"]
+    assert [naming.name for naming in names.namings] == ["station", "high"]
     names.forget("asked", 1)  # the name that the reply got, too
     assert [one.name for one in names.namings] == ["high"]
     names.forget("told", 3)

@@ -33,7 +33,7 @@ NOT_FROM_LINES = {
 def held_against(name: str, cut: str, count: int = 80) -> None:
     """Compare the guess for a recording cut like this with the guess for whole frames."""
     case = case_of(name, count)
-    ways = {way: b"".join(one.data for one in case.chunks if one.direction == way) for way in ("in", "out")}
+    ways = {way: b"".join(chunk.data for chunk in case.chunks if chunk.direction == way) for way in ("in", "out")}
     frames = timed(
         [HeardBytes(None, "in" if way == "in" else "out", ways[way][begin:end]) for way, begin, end in case.spans]
     )
@@ -100,18 +100,18 @@ def random_pieces(size: int, count: int) -> list[HeardBytes]:
 @pytest.mark.parametrize("size", [1, 16])
 def test_pieces_of_one_size_are_no_frames_of_that_size(size: int) -> None:
     statements = guess(random_pieces(size, 40)).statements
-    assert [one.is_sure for one in statements] == [False]
+    assert [statement.is_sure for statement in statements] == [False]
     assert "where frames end was not found" in statements[0].text
 
 
 def test_pieces_of_one_size_with_a_mark_are_frames() -> None:
     heard = [one._replace(data=b"\xaa\x55" + one.data[2:]) for one in random_pieces(16, 30)]
     statements = guess(heard).statements
-    assert {"a frame begins with AA 55", "every frame has 16 bytes"} <= {one.text for one in statements}
+    assert {"a frame begins with AA 55", "every frame has 16 bytes"} <= {statement.text for statement in statements}
 
 
 def sizes_of(pieces: Sequence[HeardBytes]) -> list[int]:
-    return [len(one.data) for one in pieces]
+    return [len(piece.data) for piece in pieces]
 
 
 def test_cuttings_of_a_line() -> None:

@@ -19,7 +19,7 @@ from framekit.extras.guess.model import HeardBytes
 
 def fields_of(frames: list[bytes]) -> list[tuple[str, int, int, str]]:
     found = guess([HeardBytes(None, "", frame) for frame in frames])
-    return [(one.name, one.offset, one.size, one.kind) for kind in found.kinds for one in kind.fields]
+    return [(field.name, field.offset, field.size, field.kind) for kind in found.kinds for field in kind.fields]
 
 
 def meters(count: int) -> list[bytes]:
@@ -36,7 +36,7 @@ def test_digits_beside_each_other_are_one_text() -> None:
 def test_what_is_printable_by_luck_is_no_text() -> None:
     rng = random.Random(5)
     frames = [bytes([0xA5, 0x41, rng.choice(b"ab"), rng.randrange(256), 0x5A]) for _ in range(40)]
-    assert not [one for one in fields_of(frames) if one[3] == "text"]
+    assert not [field for field in fields_of(frames) if field[3] == "text"]
 
 
 def test_text_of_varying_size_is_written_as_text() -> None:

@@ -59,7 +59,7 @@ def test_who_answers_whom_is_told_with_its_times() -> None:
 def test_what_only_sends_has_periods_and_no_answers() -> None:
     times = recorded("nmea").times
     assert times.answers == () and times.unanswered is None
-    assert [round(one.every.middle / MS) for one in times.periods] == [30, 30, 30]
+    assert [round(period.every.middle / MS) for period in times.periods] == [30, 30, 30]
 
 
 def line(*frames: tuple[int, str, bytes]) -> list[TimedFrame]:
@@ -86,7 +86,7 @@ def test_repeats_are_no_polls() -> None:
         now += 1000
     times = times_of(line(*frames))
     assert times.unanswered is not None and times.unanswered.repeats == 2
-    assert [(one.data, one.every.middle // MS, one.near) for one in times.periods] == [
+    assert [(period.data, period.every.middle // MS, period.near) for period in times.periods] == [
         (b"ask1", 1000, 19), (b"ask2", 1000, 19),
     ]  # fmt: skip
 

@@ -92,12 +92,12 @@ class Reader:
     def __init__(self, protocol: Protocol, file: KaitaiFile, top: Any) -> None:
         self.protocol, self.file, self.top = protocol, file, top
         frames = protocol.frames.values()
-        wraps = [one for frame in frames for one in everything(frame.segments) if isinstance(one, Wrap)]
+        wraps = [segment for frame in frames for segment in everything(frame.segments) if isinstance(segment, Wrap)]
         every = [one for frame in frames for one in flat(frame.segments) if isinstance(one, (Wrap, Choose, Optional))]
         every += wraps
         self.parts = ("choice", "optional", "content", *(identifier(one.name) for one in every if one.name))
         """Prefixes of attributes whose values belong to the enclosing record."""
-        self.codings = {one.coding.shown: one.coding for one in wraps}.values()
+        self.codings = {wrap.coding.shown: wrap.coding for wrap in wraps}.values()
 
     def read(self, frame: str, data: bytes, context: Mapping[str, Any]) -> Any:
         """Return the Kaitai object of a frame. Raises the exceptions of the Kaitai runtime."""
@@ -128,7 +128,7 @@ class Reader:
         if frame not in self.file.frames:
             return True
         inside = next((one for one, type_ in self.file.types.items() if f"/types/{type_}/" in error), None)
-        messages = (one.what for one in self.file.left_out if "the first is read" in one.what)
+        messages = (problem.what for problem in self.file.left_out if "the first is read" in problem.what)
         names = {name.strip(",") for what in messages for name in what.split()}
         return inside is not None and (inside not in self.file.frames or inside in names)
 
@@ -186,7 +186,7 @@ def undo(coding: Coding, raw: bytes) -> bytes:
         case Escaped(escape=escape, codes=codes):
             pairs = {code: byte for byte, code in codes}
             parts = raw.split(bytes((escape,)))
-            return parts[0] + b"".join(bytes((pairs[one[0]],)) + one[1:] for one in parts[1:])
+            return parts[0] + b"".join(bytes((pairs[part[0]],)) + part[1:] for part in parts[1:])
         case Cobs():
             return unstuff_cobs(raw)
     raise ValueError(coding.shown)

@@ -122,7 +122,7 @@ class Description:
         context = base_context(codec.protocol) | dict(self.context)
         given = [getattr(getattr(top, one[0]), one[1]) if isinstance(one, tuple) else one for one in self.arguments]
         found = Trial()
-        samples = [one.data for one in Sampler(codec, context).samples(self.frame, 40, 400)]
+        samples = [sample.data for sample in Sampler(codec, context).samples(self.frame, 40, 400)]
         for data in mutated([*samples, *([bytes.fromhex(self.seed)] if self.seed else [])], count):
             stream = KaitaiStream(BytesIO(data))
             try:
@@ -213,7 +213,7 @@ def round_trip(name: str, folder: Path, samples: int = 8) -> RoundTrip:
 
 def parts_of(protocol: Protocol) -> tuple[str, ...]:
     """Return the prefixes of records of an exported file whose values belong to the enclosing record."""
-    every = [one for frame in protocol.frames.values() for one in everything(frame.segments)]
+    every = [segment for frame in protocol.frames.values() for segment in everything(frame.segments)]
     named = [one.name for one in every if isinstance(one, (Wrap, Choose, Optional)) and one.name]
     return ("choice", "optional", "content", *map(identifier, named))
 
@@ -225,7 +225,7 @@ def coded_names(protocol: Protocol) -> dict[str, set[str]]:
         wraps = (
             one for one in everything(frame.segments) if isinstance(one, Wrap) and not isinstance(one.coding, Plain)
         )
-        found[frame.name] = {name for wrap in wraps for one in everything(wrap.of) for name in one.value_names}
+        found[frame.name] = {name for wrap in wraps for segment in everything(wrap.of) for name in segment.value_names}
     return found
 
 

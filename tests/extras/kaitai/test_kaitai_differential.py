@@ -242,7 +242,7 @@ def test_good_and_bad_bytes_are_what_they_are_for_framekit(rows: Mapping[str, Ro
     protocols = [definition(text) for text, _ in rows.values()]
     found = {}
     for title, (_, bytes_), (reader, codec) in zip(rows, rows.values(), readers(protocols), strict=True):
-        messages = {one.what for one in reader.file.left_out if one.at != reader.protocol.at}
+        messages = {problem.what for problem in reader.file.left_out if problem.at != reader.protocol.at}
         assert messages == LESS.get(title, set())
         frame, all_data = [*reader.protocol.frames][-1], map(bytes.fromhex, bytes_.split("|"))
         found[title] = [one for data in all_data for one in differences(reader, codec, frame, data)]
@@ -253,7 +253,7 @@ def test_good_and_bad_bytes_are_what_they_are_for_framekit(rows: Mapping[str, Ro
 def test_what_is_read_in_another_way_is_told() -> None:
     rows = [*TOLD.values()]
     for (_, bytes_, told), (reader, codec) in zip(rows, readers([definition(text) for text, *_ in rows]), strict=True):
-        assert any(one.what.startswith(told) for one in reader.file.left_out), told
+        assert any(problem.what.startswith(told) for problem in reader.file.left_out), told
         good, *_ = bytes_.split("|")
         assert differences(reader, codec, "f", bytes.fromhex(good)) == []
 
@@ -272,7 +272,7 @@ def test_the_bytes_of_every_kind_of_segment() -> None:
     for case, (reader, codec) in zip(CASES, pairs, strict=True):
         assert differences(reader, codec, "f", case.bytes) == [], case.title
         found = [one for data in case.bad for one in differences(reader, codec, "f", bytes.fromhex(data))]
-        messages = [one.what for one in reader.file.left_out if any(word in one.what for word in CHECKS)]
+        messages = [problem.what for problem in reader.file.left_out if any(word in problem.what for word in CHECKS)]
         assert messages or not found, case.title
 
 
@@ -299,7 +299,7 @@ def test_drawn_definitions(first: int, count: int) -> None:
     assert len(drawn) > count // 10
     for (_, all_data), (reader, codec) in zip(drawn, readers([protocol for protocol, _ in drawn]), strict=True):
         found = [one for data in all_data for one in differences(reader, codec, "f", data)]
-        is_reported = any(word in one.what for one in reader.file.left_out for word in CHECKS)
+        is_reported = any(word in problem.what for problem in reader.file.left_out for word in CHECKS)
         inside = any(frame.inner or frame.name != "f" for frame in reader.protocol.frames.values())
         assert is_reported or inside or not found, reader.file.text
 

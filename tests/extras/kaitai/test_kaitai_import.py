@@ -45,7 +45,7 @@ def imported(text: str, folder: Path) -> list[Problem]:
     made = import_kaitai(text, "some.ksy", "some")
     path = folder / "some.yaml"
     path.write_text(made.text, "utf-8")
-    assert [one for one in check_file(str(path)).problems if not one.warning] == []
+    assert [problem for problem in check_file(str(path)).problems if not problem.warning] == []
     return [*made.left_out]
 
 
@@ -54,7 +54,7 @@ def messages_of(text: str, folder: Path) -> list[str]:
         problems = imported(text, folder)
     except DefinitionError as error:
         problems = [*error.problems]
-    return [str(one).removeprefix("some.ksy:") for one in problems]
+    return [str(problem).removeprefix("some.ksy:") for problem in problems]
 
 
 # ---- beside Kaitai ----------------------------------------------------------------------------------------------
@@ -91,7 +91,7 @@ def come_back(name: str, folder: Path) -> RoundTrip:
     }  # fmt: skip
     if found.imported:
         assert found.compared.agreed or found.compared.left_out
-        assert [one for one in check_file(str(folder / "made.yaml")).problems if not one.warning] == []
+        assert [problem for problem in check_file(str(folder / "made.yaml")).problems if not problem.warning] == []
     return found
 
 

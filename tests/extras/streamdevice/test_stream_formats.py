@@ -35,7 +35,7 @@ def frames_of(commands: Sequence[str], settings: str = "Terminator = CR LF;") ->
     try:
         made = from_streamdevice(text, "x.proto", "made")
     except DefinitionError as error:
-        assert all(one.todo for one in error.problems)
+        assert all(problem.todo for problem in error.problems)
         return None, {}
     frames = {}
     for name, sequence in yaml.safe_load(made.text)["sequences"].items():
@@ -365,7 +365,7 @@ TOLD: list[tuple[str, str]] = [
 def test_what_cannot_be_carried_out_is_told_with_its_place(command: str, what: str) -> None:
     with pytest.raises(DefinitionError, match=what) as raised:
         from_streamdevice(f"Terminator = CR LF;\np {{ {command}; }}\n", "x.proto", "made")
-    assert all(one.at.line == 2 and one.at.column > 1 and one.todo for one in raised.value.problems)
+    assert all(problem.at.line == 2 and problem.at.column > 1 and problem.todo for problem in raised.value.problems)
 
 
 @pytest.mark.parametrize("word", ["in", "out"])

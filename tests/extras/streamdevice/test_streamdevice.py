@@ -128,7 +128,7 @@ def test_exchanges_have_the_bytes_of_stream_device(tmp_path: Path) -> None:
 
 def check_warnings(path: Path) -> list[str]:
     """Return the messages of `check`, except on the strength of the device's own check code."""
-    return [str(one) for one in check_file(str(path)).problems if "errors of two bits" not in str(one)]
+    return [str(problem) for problem in check_file(str(path)).problems if "errors of two bits" not in str(problem)]
 
 
 def test_a_client_speaks_with_a_device_made_of_the_same_file(tmp_path: Path) -> None:
@@ -148,7 +148,7 @@ def test_a_client_speaks_with_a_device_made_of_the_same_file(tmp_path: Path) -> 
 def messages_of(text: str) -> list[str]:
     """Return the messages for a file: omitted parts, or errors."""
     try:
-        return [str(one) for one in from_streamdevice(text, "x.proto", "made").left_out]
+        return [str(problem) for problem in from_streamdevice(text, "x.proto", "made").left_out]
     except DefinitionError as error:
         return [str(one) for one in error.problems]
 
@@ -236,7 +236,7 @@ def test_texts_and_variables(text: str, wire: bytes) -> None:
 
 def test_variables_that_nothing_uses_are_told() -> None:
     text = 'Terminater = CR; Terminator = LF; x = 1; y = $x; p { z = 2; out "\\${z}"; w = 3; }'
-    assert [one.partition(": warning: ")[2] for one in messages_of(text)] == [
+    assert [message.partition(": warning: ")[2] for message in messages_of(text)] == [
         "nothing uses the variable 'terminater' – did you mean terminator?",
         "nothing uses the variable 'y' – use it, or remove it",
         "nothing uses the variable 'w' – use it, or remove it",
@@ -275,7 +275,7 @@ def test_messages_stay_short_however_long_a_name_is(size: int) -> None:
 
 def test_every_error_at_once() -> None:
     text = 'A = $nothing;\na { out "open;\n  shout "x"; }\nb { @later { } { out } }\nb { out "%q"; = 3 }\n}\n'
-    assert [one.partition(" – ")[0] for one in messages_of(text)] == [
+    assert [message.partition(" – ")[0] for message in messages_of(text)] == [
         "x.proto:1:5: there is no variable 'nothing'",
         "x.proto:2:9: the text '\"open;' has no end",
         "x.proto:4:5: there is no handler '@later'",
@@ -413,7 +413,7 @@ def test_every_definition_that_is_made_is_a_right_one(ending: str, found: list[l
     except DefinitionError as error:
         assert error.problems and all(one.at.file == "x.proto" and one.todo for one in error.problems)
         return
-    assert all(one.at.file == "x.proto" and one.todo for one in made.left_out)
+    assert all(problem.at.file == "x.proto" and problem.todo for problem in made.left_out)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "made.yaml"
         path.write_text(made.text, "utf-8")
@@ -438,7 +438,7 @@ def test_damaged_files_end_in_words() -> None:
         try:
             made += bool(from_streamdevice("".join(text), "x.proto", "made").text)
         except DefinitionError as error:
-            wrong += all(one.todo for one in error.problems)
+            wrong += all(problem.todo for problem in error.problems)
     assert wrong + made == 400 and wrong > 50 and made > 50
 
 

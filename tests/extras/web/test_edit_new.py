@@ -30,7 +30,7 @@ def made(folder: Path, kind: str, name: str, of: str = "") -> Path:
 
 
 def errors(path: Path) -> list[str]:
-    return [str(one) for one in check_file(str(path)).problems if not one.warning]
+    return [str(problem) for problem in check_file(str(path)).problems if not problem.warning]
 
 
 def test_a_new_protocol_has_no_errors(tmp_path: Path) -> None:

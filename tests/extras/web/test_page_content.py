@@ -88,7 +88,7 @@ def test_notices_last_until_they_are_over_and_are_bounded() -> None:
     assert [(one.text, one.began, one.ended) for one in notices] == [("a is away, 3 samples wait", 1.0, None)]
     notices.look({}, 3.0)
     notices.look({"a": "a is away"}, 4.0)
-    assert [(one.number, one.ended) for one in notices] == [(1, 3.0), (2, None)]
+    assert [(notice.number, notice.ended) for notice in notices] == [(1, 3.0), (2, None)]
     before = notices.round
     notices.look({"a": "a is away"}, 5.0)
     assert notices.round == before

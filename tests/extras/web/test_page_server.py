@@ -309,7 +309,7 @@ def test_a_point_is_written_over_the_line_and_refused_out_of_range(
             messages: list[dict[str, object]] = [{"token": TOKEN}]
             messages += [{"write": 2, "value": value, "id": 1} for value in ("7", "11", "warm")]
             messages += [{"write": 1, "value": "off", "id": 2}, {"write": 0, "value": "1", "id": 3}]
-            found = [await session.answer(one) or {} for one in messages]
+            found = [await session.answer(message) or {} for message in messages]
             assert run.device("meter")["40003"] == 7
             assert run.device("meter")["40002"] == 0
         await server.end()

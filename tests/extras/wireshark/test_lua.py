@@ -169,17 +169,17 @@ def cross_references(packets: list[Packet], prefix: str) -> list[tuple[list[str]
     """Return the frames of each packet, and the fields that refer to other packets."""
     names = ("request_in", "response_in", "time")
     return [
-        (one.frames, {name: value for name in names if (value := one.value(f"{prefix}.{name}")) is not None})
-        for one in packets
+        (packet.frames, {name: value for name in names if (value := packet.value(f"{prefix}.{name}")) is not None})
+        for packet in packets
     ]
 
 
 @needs_tshark
 def test_frames_in_segments_of_tcp_and_the_request_of_a_reply(tmp_path: Path) -> None:
     ask, answer, ask_2, answer_2, ask_3, answer_3 = (
-        one.wire.exact[:1] + bytes((number // 2,)) + one.wire.exact[2:]
-        for number, one in enumerate(vectors_of("modbus-tcp").frames[:6])
-        if one.wire.exact is not None
+        frame.wire.exact[:1] + bytes((number // 2,)) + frame.wire.exact[2:]
+        for number, frame in enumerate(vectors_of("modbus-tcp").frames[:6])
+        if frame.wire.exact is not None
     )
     script, capture = tmp_path / "modbus.lua", tmp_path / "modbus.pcap"
     script.write_text(generate_dissector(load_protocol("modbus-tcp")).source)
@@ -200,7 +200,7 @@ def test_frames_in_segments_of_tcp_and_the_request_of_a_reply(tmp_path: Path) ->
         ([], {}),
         (["reply_adu", "reply_adu"], {"request_in": "6", "time": "0.020000000"}),
     ]
-    both = [one.value for one in found[7].fields if one.name.endswith("request_in")]
+    both = [field.value for field in found[7].fields if field.name.endswith("request_in")]
     assert both == ["6", "5"], "each reply has the request whose transaction it repeats"
 
 

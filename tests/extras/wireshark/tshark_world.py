@@ -59,7 +59,7 @@ class Packet:
     messages: list[str] = field(default_factory=list)
 
     def value(self, name: str) -> str | None:
-        return next((one.value for one in self.fields if one.name.endswith(name)), None)
+        return next((field.value for field in self.fields if field.name.endswith(name)), None)
 
 
 def run(script: Path, capture: Path, *options: str) -> str:
@@ -245,7 +245,7 @@ def expected(spans: Sequence[tuple[str, int, int, Any]], data: bytes) -> Iterato
 
 
 def _fields_differ(protocol: Protocol, wanted: list[Wanted], fields: list[Shown]) -> Iterator[str]:
-    labels = [one for one in fields if one.name or ": " in one.value]
+    labels = [field for field in fields if field.name or ": " in field.value]
     if len(labels) != len(wanted):
         yield f"{len(wanted)} fields {wanted}, tshark shows {[(one.name, one.value) for one in labels]}"
         return
