@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import socket
 import threading
 from collections.abc import Coroutine, Iterator, Sequence
 from dataclasses import dataclass
@@ -76,6 +77,12 @@ class Opcua(SinkKind):
         return OpcuaSink(self)
 
 
+def require_free(address: tuple[str, int]) -> None:
+    """Raise OSError if no server can listen at the address: the library works for seconds before it tries."""
+    family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
+    socket.create_server(address, family=family).close()
+
+
 class OpcuaSink(Sink):
     """Runs the server in a thread of its own. Raises OSError, ValueError."""
 
@@ -94,6 +101,7 @@ class OpcuaSink(Sink):
         from framekit.sinks.opcua_server import PointServer
 
         assert self._host is not None
+        require_free(self.kind.opcua)
         now = {value.name: value for value in self._host.values()}
         self._loop = loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=loop.run_forever, name="opcua", daemon=True)

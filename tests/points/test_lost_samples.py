@@ -6,10 +6,9 @@ A table of all kinds of sinks and their faults.
 from __future__ import annotations
 
 import errno
+import logging
 import os
 import socket
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -20,9 +19,11 @@ from points.test_sinks import SECOND, START, run_file
 
 from framekit.cli.main import main
 from framekit.definition.problems import NOWHERE
+from framekit.run.points import PointValue
 from framekit.run.trouble import Troubles
 from framekit.service.sinks import SinkFeeder, SinkHost
 from framekit.sinks import SINKS
+from framekit.sinks.opcua import Opcua, OpcuaSink
 from framekit.sinks.parquet import ParquetFiles, write_parquet
 from framekit.transport.clock import VirtualClock
 
@@ -139,15 +140,32 @@ def test_a_port_that_another_program_has(
     assert lines[-1].endswith(lost if word == "opcua" else "2 samples were lost (temperature 1, state 1)")
 
 
-def test_a_library_prints_no_traceback(tmp_path: Path, closed_port: int) -> None:
-    """Without a handler for the log of a library, Python prints its errors on standard error."""
+class HostWithoutValues(SinkHost):
+    def values(self) -> list[PointValue]:
+        return []
+
+
+def test_a_taken_port_is_found_before_the_library_starts(closed_port: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its start takes seconds of work, and a run tries again and again."""
+    server = pytest.importorskip("framekit.sinks.opcua_server")
+    monkeypatch.setattr(server, "PointServer", None)
+    with pytest.raises(OSError, match="in use"):
+        sink = OpcuaSink(Opcua(opcua=("127.0.0.1", closed_port), at=NOWHERE))
+        sink.meet(HostWithoutValues("run", VirtualClock()))
+        sink.open([])
+
+
+def test_a_library_prints_no_traceback(closed_port: int, capsys: pytest.CaptureFixture[str]) -> None:
+    """Another program takes the port while the library starts. Python prints the log of a library without handlers."""
     pytest.importorskip("asyncua")
-    run = run_file(tmp_path, f"{{opcua: {closed_port}}}")
-    command = [sys.executable, "-m", "framekit", "run", run, "--virtual", "--for", "2s", "--quiet"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 1 and "address already in use" in done.stderr
-    assert "Traceback" not in done.stderr
-    assert all(line.startswith("sink opcua ") for line in done.stderr.splitlines()), done.stderr
+    sink = OpcuaSink(Opcua(opcua=("127.0.0.1", closed_port), at=NOWHERE))
+    sink.meet(HostWithoutValues("run", VirtualClock()))
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(OSError, match="address already in use"):
+        patch.setattr("framekit.sinks.opcua.require_free", lambda address: None)
+        patch.setattr(logging.getLogger(), "handlers", [])
+        sink.open([])
+    sink.close()
+    assert capsys.readouterr().err == ""
 
 
 @pytest.mark.usefixtures("small_heap")
