@@ -1,7 +1,7 @@
 """Generated dissectors in tshark: the fields of tshark compared with the values of framekit.
 
-All frames of a protocol go into one capture, and tshark runs once for each set of parameters they need. Skipped only if
-tshark is not installed.
+tshark takes longer to start than to read: one capture has the frames of many protocols, and tshark runs again only for
+other parameters of a protocol. Skipped only if tshark is not installed.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from definition_trial import damaged
 from drawn_definitions import DrawnDefinition
 from extras.wireshark.tshark_world import (
     SECOND,
+    Comparison,
     Packet,
     Trial,
     compare,
@@ -25,10 +26,10 @@ from extras.wireshark.tshark_world import (
     run,
     serial_capture,
     tcp_capture,
-    trial,
+    trials,
     udp_capture,
 )
-from segment_cases import CASES, Case
+from segment_cases import CASES
 from shipped import vectors_of
 from strategies import base_context
 
@@ -45,15 +46,22 @@ VECTORS = [path.name.removesuffix(".vectors.yaml") for path in shipped_definitio
 
 
 @needs_tshark
-@pytest.mark.parametrize(
-    "name", [*QUICK, *(pytest.param(one, marks=pytest.mark.long) for one in VECTORS if one not in QUICK)]
-)
-def test_vectors_show_what_framekit_reads(name: str, tmp_path: Path) -> None:
-    found = trial(name, tmp_path)
+def test_vectors_show_what_framekit_reads(tmp_path: Path) -> None:
+    for found in trials(QUICK, tmp_path).values():
+        assert_shown(found)
+        assert found.checks > 5, "wrong check codes are told by both"
+
+
+@needs_tshark
+@pytest.mark.long
+def test_vectors_of_all_protocols_show_what_framekit_reads(tmp_path: Path) -> None:
+    for found in trials([name for name in VECTORS if name not in QUICK], tmp_path).values():
+        assert_shown(found)
+
+
+def assert_shown(found: Trial) -> None:
     assert found.differences == []
     assert found.vectors and found.fields > found.vectors and not found.left_out
-    if name in QUICK:
-        assert found.checks > 5, "wrong check codes are told by both"
 
 
 def test_preferences_say_the_parameters_of_vectors() -> None:
@@ -66,29 +74,38 @@ def test_preferences_say_the_parameters_of_vectors() -> None:
 
 @needs_tshark
 @pytest.mark.long
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.title)
-def test_every_kind_of_segment(case: Case, tmp_path: Path) -> None:
-    protocol, found = load_protocol_text(case.yaml), Trial()
-    frames = [case.bytes, *(bytes.fromhex(bad) for bad in case.bad if bad), case.bytes]
-    compare(protocol, base_context(protocol), frames, tmp_path, found)
-    assert found.differences == []
-    assert not found.left_out or generate_dissector(protocol).left_out, "what is not shown was told"
+def test_every_kind_of_segment(tmp_path: Path) -> None:
+    comparisons = []
+    for number, case in enumerate(CASES):
+        protocol = load_protocol_text(case.yaml.replace("protocol: case\n", f"protocol: case-{number}\n", 1))
+        frames = [case.bytes, *(bytes.fromhex(bad) for bad in case.bad if bad), case.bytes]
+        comparisons.append(Comparison(protocol, base_context(protocol), frames, Trial()))
+    compare(comparisons, tmp_path)
+    for case, comparison in zip(CASES, comparisons, strict=True):
+        assert comparison.found.differences == [], case.title
+        is_told = not comparison.found.left_out or generate_dissector(comparison.protocol).left_out
+        assert is_told, f"{case.title}: what is not shown was told"
 
 
 @needs_tshark
 @pytest.mark.long
-@pytest.mark.parametrize("seed", range(60, 120))
-def test_drawn_definitions(seed: int, tmp_path: Path) -> None:
-    drawn, random, found = DrawnDefinition(seed, alike=bool(seed % 2)), Random(seed), Trial()
-    try:
-        trial = DefinitionTrial(drawn.text, drawn.values, seed)
-    except DefinitionError:
-        return  # many definitions are refused; the tests of both compilers try them
-    data = trial.built()
-    if data:
-        frames = [data, *filter(None, (damaged(data, random) for _ in range(5))), data]
-        compare(trial.protocol, base_context(trial.protocol), frames, tmp_path, found, good=1)
-    assert found.differences == []
+def test_drawn_definitions(tmp_path: Path) -> None:
+    comparisons = []
+    for seed in range(60, 120):
+        drawn, random = DrawnDefinition(seed, alike=bool(seed % 2)), Random(seed)
+        text = drawn.text.replace('"protocol": "drawn"', f'"protocol": "drawn-{seed}"', 1)
+        try:
+            trial = DefinitionTrial(text, drawn.values, seed)
+        except DefinitionError:
+            continue  # many definitions are refused; the tests of both compilers try them
+        data = trial.built()
+        if data:
+            frames = [data, *filter(None, (damaged(data, random) for _ in range(5))), data]
+            comparisons.append(Comparison(trial.protocol, base_context(trial.protocol), frames, Trial(), 1))
+    assert len(comparisons) > 15
+    compare(comparisons, tmp_path)
+    for comparison in comparisons:
+        assert comparison.found.differences == []
 
 
 @needs_tshark
@@ -109,7 +126,7 @@ frames:
     for a, b in ((9, -1), (0x20_0000_0000_0001, -(1 << 63)), ((1 << 64) - 1, -(1 << 53) - 1), (3, (1 << 63) - 1)):
         wide = (a << 20 | 1).to_bytes(11, "big")
         frames.append(b"\x5a" + a.to_bytes(8, "big") + b.to_bytes(8, "little", signed=True) + wide)
-    compare(protocol, base_context(protocol), [*frames[:1], *frames[3:]], tmp_path / "exact", found)
+    compare([Comparison(protocol, base_context(protocol), [*frames[:1], *frames[3:]], found)], tmp_path / "exact")
     assert found.differences == [] and found.fields == 8
     script, capture = tmp_path / "wide.lua", tmp_path / "wide.pcap"
     source = generate_dissector(protocol).source

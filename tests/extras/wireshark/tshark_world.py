@@ -1,4 +1,4 @@
-"""tshark with a generated dissector: captures of frames, and tshark's fields compared with the values of framekit."""
+"""tshark with a generated dissector: comparisons of frames, and tshark's fields compared with the values of framekit."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import subprocess
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from io import StringIO
+from itertools import islice
 from pathlib import Path
 from struct import pack
 from typing import Any
@@ -57,6 +58,8 @@ class Packet:
     fields: list[Shown] = field(default_factory=list)
     experts: list[str] = field(default_factory=list)
     messages: list[str] = field(default_factory=list)
+    shown_by: set[str] = field(default_factory=set)
+    """Prefixes of the protocols that have fields of it."""
 
     def value(self, name: str) -> str | None:
         return next((field.value for field in self.fields if field.name.endswith(name)), None)
@@ -72,21 +75,23 @@ def run(script: Path, capture: Path, *options: str) -> str:
     return done.stdout
 
 
-def packets_of(pdml: str, prefix: str, header: int = HEADER) -> list[Packet]:
-    """Return the packets of tshark's PDML that have fields of the protocol."""
+def packets_of(pdml: str, *prefixes: str) -> list[Packet]:
+    """Return the packets of tshark's PDML that have fields of one of the protocols."""
     found: list[Packet] = []
     for _, element in iterparse(StringIO(pdml)):
         if element.tag == "packet":
             packet = Packet()
             for proto in element.findall("proto"):
-                if proto.get("name") == prefix:
-                    _collect(proto, packet, prefix, header)
+                prefix = proto.get("name") or ""
+                if prefix in prefixes:
+                    packet.shown_by.add(prefix)
+                    _collect(proto, packet, prefix)
             found.append(packet)
             element.clear()
     return found
 
 
-def _collect(element: Element, packet: Packet, prefix: str, header: int) -> None:
+def _collect(element: Element, packet: Packet, prefix: str) -> None:
     for one in element.findall("field"):
         name, value = one.get("name") or "", one.get("show") or ""
         if name == "_ws.expert":
@@ -97,11 +102,11 @@ def _collect(element: Element, packet: Packet, prefix: str, header: int) -> None
         if name == f"{prefix}.frame":
             packet.frames.append(value)
         else:
-            place = int(one.get("pos") or 0) - header
+            place = int(one.get("pos") or 0) - HEADER
             if name.startswith("_ws."):  # a text without a field
                 name, value = "", "" if one.find("field[@name='_ws.expert']") is not None else one.get("showname") or ""
             packet.fields.append(Shown(name, value, one.get("showname") or value, place, int(one.get("size") or 0)))
-        _collect(one, packet, prefix, header)
+        _collect(one, packet, prefix)
 
 
 def serial_capture(path: Path, frames: Sequence[bytes], ways: Sequence[str] = ()) -> None:
@@ -145,14 +150,32 @@ def groups_of(name: str, protocol: Protocol) -> Iterator[tuple[dict[str, Any], l
     yield from found.values()
 
 
-def trial(name: str, folder: Path, damage: bool = True) -> Trial:
-    """Run tshark on all vectors of a shipped protocol, and on each with a damaged bit."""
-    protocol, found = load_protocol(name), Trial()
-    for number, (given, frames) in enumerate(groups_of(name, protocol)):
-        damaged = [_damaged(frame, place) for place, frame in enumerate(frames)] if damage else []
-        every = [*frames, *damaged, frames[0]]  # a good frame at the end flushes the last damaged frame
-        compare(protocol, base_context(protocol) | given, every, folder / f"{number}", found, len(frames))
-        found.vectors += len(frames)
+@dataclass(frozen=True)
+class Comparison:
+    """Frames of one protocol and one context; the first `good` frames are vectors. `found` takes the results."""
+
+    protocol: Protocol
+    context: Mapping[str, Any]
+    frames: list[bytes]
+    found: Trial
+    good: int = 0
+
+
+def trials(names: Sequence[str], folder: Path) -> dict[str, Trial]:
+    """Run tshark on all vectors of shipped protocols, and on each with a damaged bit."""
+    found: dict[str, Trial] = {name: Trial() for name in names}
+    rounds: list[list[Comparison]] = []  # each protocol at most once, since its preferences differ
+    for name in names:
+        protocol = load_protocol(name)
+        for number, (given, frames) in enumerate(groups_of(name, protocol)):
+            damaged = [_damaged(frame, place) for place, frame in enumerate(frames)]
+            every = [*frames, *damaged, frames[0]]  # a good frame at the end flushes the last damaged frame
+            comparison = Comparison(protocol, base_context(protocol) | given, every, found[name], len(frames))
+            rounds += [[]] if number == len(rounds) else []
+            rounds[number].append(comparison)
+            found[name].vectors += len(frames)
+    for number, comparisons in enumerate(rounds):
+        compare(comparisons, folder / f"{number}")
     return found
 
 
@@ -172,26 +195,54 @@ def _damaged(frame: bytes, seed: int) -> bytes:
     return frame[:place] + bytes((frame[place] ^ 1 << seed % 8,)) + frame[place + 1 :]
 
 
-def compare(
-    protocol: Protocol, context: Mapping[str, Any], frames: list[bytes], place: Path, found: Trial, good: int = 0
-) -> None:
-    """Write one capture, run tshark once, and compare its fields with framekit's values.
+DISPATCH = """
+local dispatch = Proto("fk_dispatch", "Test: each packet to the dissector of its protocol")
+local parts = { PARTS }
+function dispatch.dissector(tvb, pinfo, tree)
+  for _, part in ipairs(parts) do
+    if pinfo.number <= part[1] then
+      return Dissector.get(part[2]):call(tvb, pinfo, tree)
+    end
+  end
+end
+DissectorTable.get("rtacser.data"):add_for_decode_as(dispatch)
+"""
+"""A script that passes each packet to the dissector of its protocol, by packet number."""
 
-    The first `good` frames are vectors.
-    """
+
+def compare(comparisons: Sequence[Comparison], place: Path) -> None:
+    """Run tshark once over the frames of all these protocols: compare its fields with the values of framekit."""
     place.mkdir(parents=True, exist_ok=True)
-    script, capture, prefix = place / "dissector.lua", place / "frames.pcap", prefix_of(protocol)
-    preferred = preferences(protocol, context)
-    made_with = {name: base_context(protocol).get(name) if name in preferred else context[name] for name in context}
-    script.write_text(generate_dissector(protocol, made_with).source, encoding="utf-8")
-    serial_capture(capture, frames)
-    chosen = {"side": "not looked at", "follows": "FALSE", **dict(preferred.values())}
-    options = [word for name, text in chosen.items() for word in ("-o", f"{prefix}.{name}:{text}")]
-    pdml = run(script, capture, "-2", "-T", "pdml", *options)
-    packets = packets_of(pdml, prefix)
-    assert len(packets) == len(frames)
+    prefixes = [prefix_of(one.protocol) for one in comparisons]
+    assert len({*prefixes}) == len(comparisons), "a protocol has one set of preferences"
+    options, parts, last = [], [], 0
+    for one, prefix in zip(comparisons, prefixes, strict=True):
+        preferred, base = preferences(one.protocol, one.context), base_context(one.protocol)
+        made_with = {name: base.get(name) if name in preferred else one.context[name] for name in one.context}
+        script = place / f"{prefix}.lua"
+        script.write_text(generate_dissector(one.protocol, made_with).source, encoding="utf-8")
+        options += ["-X", f"lua_script:{script}"]
+        chosen = {"side": "not looked at", "follows": "FALSE", **dict(preferred.values())}
+        options += [word for name, text in chosen.items() for word in ("-o", f"{prefix}.{name}:{text}")]
+        last += len(one.frames)
+        parts.append(f'{{ {last}, "{prefix}" }}')
+    dispatch, capture = place / "dispatch.lua", place / "frames.pcap"
+    dispatch.write_text(DISPATCH.replace("PARTS", ", ".join(parts)))
+    serial_capture(capture, [frame for one in comparisons for frame in one.frames])
+    pdml = run(dispatch, capture, "-2", "-T", "pdml", "-d", "rtacser.data,fk_dispatch", *options)
+    packets = iter(packets_of(pdml, *prefixes))
+    for one, prefix in zip(comparisons, prefixes, strict=True):
+        own = [*islice(packets, len(one.frames))]
+        assert len(own) == len(one.frames) and all(packet.shown_by == {prefix} for packet in own)
+        _compare_packets(one, own)
+    assert next(packets, None) is None
+
+
+def _compare_packets(comparison: Comparison, packets: Sequence[Packet]) -> None:
+    """Compare the packets of one protocol with framekit's values."""
+    protocol, context, found = comparison.protocol, comparison.context, comparison.found
     codec = compile_protocol(protocol)
-    for number, (data, packet) in enumerate(zip(frames, packets, strict=True)):
+    for number, (data, packet) in enumerate(zip(comparison.frames, packets, strict=True)):
         fits, faults = fitting(codec, protocol.frames, data, candidates(protocol), context)
         differ = found.differences
         shown = f"{protocol.name} {data.hex(' ')}:"
@@ -203,7 +254,7 @@ def compare(
             ends = best is not None and codec.measure(best[0], data, ctx=context) > 0
             differ += [f"{shown} {problem}" for problem in _told(packet, best, ends)]
             found.checks += best is not None and best[1].cause == "check"
-        elif fits[0].refusal is not None and number >= good > 0 and packet.frames != [fits[0].frame]:
+        elif fits[0].refusal is not None and number >= comparison.good > 0 and packet.frames != [fits[0].frame]:
             found.bad += 1  # a damaged frame that would be refused alone may be another frame in a stream
         elif packet.frames != [fits[0].frame]:
             differ.append(f"{shown} {fits[0].frame}, tshark shows {packet.frames} {packet.experts} {packet.messages}")
@@ -294,7 +345,7 @@ def _escaped(value: str) -> str:
     return "".join(signs)
 
 
-# ---- captures of TCP --------------------------------------------------------------------------------------------
+# ---- comparisons of TCP --------------------------------------------------------------------------------------------
 
 RAW_IP = 101
 CLIENT_PORT = 40_000
