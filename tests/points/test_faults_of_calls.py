@@ -35,15 +35,15 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 LEAST = {
-    "cache": 20,
-    "capture-pcap": 60,
-    "capture-jsonl": 60,
-    "csv": 60,
-    "jsonl": 60,
-    "csv-rotate": 130,
-    "parquet": 100,
+    "cache": 6,
+    "capture-pcap": 20,
+    "capture-jsonl": 20,
+    "csv": 20,
+    "jsonl": 20,
+    "csv-rotate": 40,
+    "parquet": 33,
 }
-"""Least number of trials of a scenario; the others have more than 200."""
+"""Least number of trials of a scenario; the others have more than 60."""
 SHORT = ("cache", "capture-pcap", "csv-rotate")
 
 
@@ -59,4 +59,4 @@ def test_old_or_new_content_whatever_call_fails(library: Path, tmp_path: Path, n
     assert done.returncode == 0, done.stderr[-2000:]
     found = json.loads(done.stdout)
     assert found["problems"] == []
-    assert found["trials"] > LEAST.get(name, 200)
+    assert found["trials"] > LEAST.get(name, 60)

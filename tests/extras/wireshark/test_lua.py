@@ -16,7 +16,7 @@ from definition_trial import damaged
 from drawn_definitions import DrawnDefinition
 from extras.wireshark.tshark_world import (
     SECOND,
-    Comparison,
+    DissectorInput,
     Packet,
     Trial,
     compare,
@@ -79,7 +79,7 @@ def test_every_kind_of_segment(tmp_path: Path) -> None:
     for number, case in enumerate(CASES):
         protocol = load_protocol_text(case.yaml.replace("protocol: case\n", f"protocol: case-{number}\n", 1))
         frames = [case.bytes, *(bytes.fromhex(bad) for bad in case.bad if bad), case.bytes]
-        comparisons.append(Comparison(protocol, base_context(protocol), frames, Trial()))
+        comparisons.append(DissectorInput(protocol, base_context(protocol), frames, Trial()))
     compare(comparisons, tmp_path)
     for case, comparison in zip(CASES, comparisons, strict=True):
         assert comparison.found.differences == [], case.title
@@ -101,7 +101,7 @@ def test_drawn_definitions(tmp_path: Path) -> None:
         data = trial.built()
         if data:
             frames = [data, *filter(None, (damaged(data, random) for _ in range(5))), data]
-            comparisons.append(Comparison(trial.protocol, base_context(trial.protocol), frames, Trial(), 1))
+            comparisons.append(DissectorInput(trial.protocol, base_context(trial.protocol), frames, Trial(), 1))
     assert len(comparisons) > 15
     compare(comparisons, tmp_path)
     for comparison in comparisons:
@@ -126,7 +126,7 @@ frames:
     for a, b in ((9, -1), (0x20_0000_0000_0001, -(1 << 63)), ((1 << 64) - 1, -(1 << 53) - 1), (3, (1 << 63) - 1)):
         wide = (a << 20 | 1).to_bytes(11, "big")
         frames.append(b"\x5a" + a.to_bytes(8, "big") + b.to_bytes(8, "little", signed=True) + wide)
-    compare([Comparison(protocol, base_context(protocol), [*frames[:1], *frames[3:]], found)], tmp_path / "exact")
+    compare([DissectorInput(protocol, base_context(protocol), [*frames[:1], *frames[3:]], found)], tmp_path / "exact")
     assert found.differences == [] and found.fields == 8
     script, capture = tmp_path / "wide.lua", tmp_path / "wide.pcap"
     source = generate_dissector(protocol).source

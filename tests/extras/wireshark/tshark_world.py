@@ -1,4 +1,4 @@
-"""tshark with a generated dissector: comparisons of frames, and tshark's fields compared with the values of framekit."""
+"""tshark with a generated dissector: captures of frames, and tshark's fields compared with the values of framekit."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ def groups_of(name: str, protocol: Protocol) -> Iterator[tuple[dict[str, Any], l
 
 
 @dataclass(frozen=True)
-class Comparison:
+class DissectorInput:
     """Frames of one protocol and one context; the first `good` frames are vectors. `found` takes the results."""
 
     protocol: Protocol
@@ -164,13 +164,13 @@ class Comparison:
 def trials(names: Sequence[str], folder: Path) -> dict[str, Trial]:
     """Run tshark on all vectors of shipped protocols, and on each with a damaged bit."""
     found: dict[str, Trial] = {name: Trial() for name in names}
-    rounds: list[list[Comparison]] = []  # each protocol at most once, since its preferences differ
+    rounds: list[list[DissectorInput]] = []  # each protocol at most once, since its preferences differ
     for name in names:
         protocol = load_protocol(name)
         for number, (given, frames) in enumerate(groups_of(name, protocol)):
             damaged = [_damaged(frame, place) for place, frame in enumerate(frames)]
             every = [*frames, *damaged, frames[0]]  # a good frame at the end flushes the last damaged frame
-            comparison = Comparison(protocol, base_context(protocol) | given, every, found[name], len(frames))
+            comparison = DissectorInput(protocol, base_context(protocol) | given, every, found[name], len(frames))
             rounds += [[]] if number == len(rounds) else []
             rounds[number].append(comparison)
             found[name].vectors += len(frames)
@@ -210,7 +210,7 @@ DissectorTable.get("rtacser.data"):add_for_decode_as(dispatch)
 """A script that passes each packet to the dissector of its protocol, by packet number."""
 
 
-def compare(comparisons: Sequence[Comparison], place: Path) -> None:
+def compare(comparisons: Sequence[DissectorInput], place: Path) -> None:
     """Run tshark once over the frames of all these protocols: compare its fields with the values of framekit."""
     place.mkdir(parents=True, exist_ok=True)
     prefixes = [prefix_of(one.protocol) for one in comparisons]
@@ -238,7 +238,7 @@ def compare(comparisons: Sequence[Comparison], place: Path) -> None:
     assert next(packets, None) is None
 
 
-def _compare_packets(comparison: Comparison, packets: Sequence[Packet]) -> None:
+def _compare_packets(comparison: DissectorInput, packets: Sequence[Packet]) -> None:
     """Compare the packets of one protocol with framekit's values."""
     protocol, context, found = comparison.protocol, comparison.context, comparison.found
     codec = compile_protocol(protocol)
