@@ -18,7 +18,7 @@ from framekit.definition.load import protocol as library
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.sources import Sources, cached_by
 
-settings.register_profile("long", deadline=None, max_examples=many(40, 200))
+settings.register_profile("long", deadline=None, max_examples=many(25, 200))
 settings.register_profile("short", deadline=None, max_examples=15)
 
 gc.set_threshold(

@@ -6,6 +6,7 @@ import enum
 import random
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -100,6 +101,14 @@ class Trial:
     differences: list[str] = field(default_factory=list)
 
 
+@cache
+def compiled_files() -> dict[str, Any]:
+    """The classes of all files of `ksy/`, by name: compiled at once, since the compiler takes longer to start."""
+    files = sorted(KSY.glob("*.ksy"))
+    tops = compiled([path.read_text("utf-8") for path in files])
+    return {path.stem: top for path, top in zip(files, tops, strict=True)}
+
+
 @dataclass
 class Description:
     """A file of `ksy/`: arguments of its top type, the corresponding frame, and the parameters of the frame.
@@ -117,7 +126,7 @@ class Description:
     def trial(self, folder: Path, count: int) -> Trial:
         path = KSY / f"{self.name}.ksy"
         text = path.read_text("utf-8")
-        top = compiled([text])[0]
+        top = compiled_files()[self.name]
         codec = loaded(import_kaitai(text, str(path), self.name), folder)
         context = base_context(codec.protocol) | dict(self.context)
         given = [getattr(getattr(top, one[0]), one[1]) if isinstance(one, tuple) else one for one in self.arguments]

@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 import yaml
-from spread import spread
+from spread import many, spread
 
 from framekit.api.codec import Protocol
 from framekit.codec.errors import EncodeError, FrameError
@@ -154,7 +154,9 @@ LINES = [
 def test_what_is_taken_has_the_value_that_stream_device_reads(kind: str) -> None:
     rng, read = Random(1), 0
     every = [*product(flags_of("-+ 0#!"), ["", "1", "2", "3", "5", "8"], ["", "Z", " V", ",", "-"])]
-    forms = ((f"%{flags}{width}{kind}", behind) for flags, width, behind in rng.sample(every, len(every) // 4))
+    forms = (
+        (f"%{flags}{width}{kind}", behind) for flags, width, behind in rng.sample(every, len(every) // many(16, 1))
+    )
     wanted = {f'in "{form}{behind}"': (form, behind) for form, behind in forms}
     protocol, frames = frames_of(list(wanted))
     for command, frame in frames.items():
