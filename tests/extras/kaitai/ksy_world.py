@@ -103,7 +103,7 @@ class Trial:
 
 @cache
 def compiled_files() -> dict[str, Any]:
-    """The classes of all files of `ksy/`, by name: compiled at once, since the compiler takes longer to start."""
+    """Return the classes of all files of `ksy/`, by name; one start of the compiler for all."""
     files = sorted(KSY.glob("*.ksy"))
     tops = compiled([path.read_text("utf-8") for path in files])
     return {path.stem: top for path, top in zip(files, tops, strict=True)}
