@@ -4,8 +4,9 @@ A process of its own carries out a run with 8 channels of 64 blocks, each once a
 points that change ten times a second; a browser shows its page. Every millisecond of processor time a signal notes
 whether the page uses it: its server, its messages, the log of frames. The output for each turn: the processor time of
 a refresh, the share of a core at five refreshes a second (which other work on the machine does not change), the longest
-stop of the loop, the time that the browser takes to draw a message, and the time from the change of a value until the
-browser shows it. Limits of the page: 25 % of a core, 200 ms for a refresh, 300 ms from change to screen.
+stop of the loop, and how much of it was work of the loop and how much its wait for a free core; the time that the
+browser takes to draw a message, and the time from the change of a value until the browser shows it. Limits of the page:
+25 % of a core, 200 ms for a refresh, 300 ms from change to screen.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from pathlib import Path
 from types import FrameType
@@ -148,13 +150,24 @@ async def _measured(
     changing.cancel()
 
 
-async def _longest_stop(end: float) -> float:
-    """Return the longest time that a short sleep took too long, until a time."""
-    longest, now = 0.0, time.perf_counter()
+def _core_times() -> list[float]:
+    """Return the seconds that this thread has run on a core, and that it has waited for one; zeros off Linux."""
+    try:
+        times = Path(f"/proc/self/task/{threading.get_native_id()}/schedstat").read_text("ascii")
+    except OSError:
+        return [0.0, 0.0]
+    return [int(nanoseconds) / 1e9 for nanoseconds in times.split()[:2]]
+
+
+async def _longest_stop(end: float) -> list[float]:
+    """Return the longest time that a short sleep took too long, until a time; and its core times."""
+    longest, now, cores = [0.0, 0.0, 0.0], time.perf_counter(), _core_times()
     while now < end:
         await asyncio.sleep(TICK)
         before, now = now, time.perf_counter()
-        longest = max(longest, now - before - TICK)
+        cores_before, cores = cores, _core_times()
+        if now - before - TICK > longest[0]:
+            longest = [now - before - TICK, *(after - at for after, at in zip(cores, cores_before, strict=True))]
     return longest
 
 
@@ -205,10 +218,12 @@ def main(seconds: float) -> None:
             each = found["used"] * found["page"] / max(1, found["refreshes"])
             shares.append(each / VALUES_EVERY)
             whole, ages = found["used"] / found["passed"], found["ages"]
+            stop, worked, waited = (1000 * seconds for seconds in found["stop"])
             print(
                 f"turn {turn}: {found['refreshes']} refreshes in {found['passed']:.1f} s, {1000 * each:.1f} ms of "
                 f"processor time each, {shares[-1]:.1%} of a core at {1 / VALUES_EVERY:.0f} a second; the whole "
-                f"process took {whole:.1%}, {found['frames']} frames, longest stop {1000 * found['stop']:.0f} ms; "
+                f"process took {whole:.1%}, {found['frames']} frames, longest stop {stop:.0f} ms (worked "
+                f"{worked:.0f} ms, waited {waited:.0f} ms for a core); "
                 f"drawn in {found['mean']:.0f} ms, {found['most']:.0f} ms at most; from change to screen "
                 f"{ages[len(ages) // 2]} ms, 95 % within {ages[len(ages) * 95 // 100]} ms, {ages[-1]} ms at most",
                 flush=True,

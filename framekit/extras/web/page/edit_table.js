@@ -68,7 +68,7 @@ export class Tables {
     const row = element("tr", body), names = new Set(rows.map(one => one.name)), [title, keys] = columns[0];
     let free = 0;
     while (names.has(String(free))) free++;
-    const name = Object.assign(element("input", element("td", row)), { value: where.at(-1) === "blocks" ? free : "", placeholder: "new", size: 6 });
+    const name = Object.assign(element("input", element("td", row)), { value: where.at(-1) === "blocks" ? free : "", placeholder: "new", className: where.at(-1) === "blocks" ? "number" : "" });
     name.setAttribute("aria-label", "name of the new row");
     const place = element("td", row), choice = keyChoice(place, keys, "", "kind of the new row", `${where.join(" ")} new kind`);
     const field = Object.assign(element("input", place), { placeholder: "address", spellcheck: false, autocomplete: "off" });

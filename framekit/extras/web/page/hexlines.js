@@ -60,6 +60,7 @@ export class HexLines {
     const sign = this.sign(), before = sign * this.columns.reduce((sum, [, size]) => sum + size, MORE);
     const fitting = this.widths.filter(width => before + (BYTE * sign + BORDERS) * width <= this.place.clientWidth);
     const width = fitting.length ? fitting.at(-1) : this.widths[0];
+    this.place.classList.toggle("narrow", !fitting.length);
     if (width !== this.width || always) {
       this.width = width;
       this.pool = [];
