@@ -49,7 +49,14 @@ class KeyReading:
         self.space: Meanings = getattr(loader, "space", None)  # type: ignore[assignment]  # None without a scope
         self.reader: Reader = loader.reader
         self.keys = keys
-        self.found: dict[str, Any] = {}
+        self.found: dict[str, Any] = Attributes()
+
+
+class Attributes(dict[str, Any]):
+    """The attributes read so far by name; an attribute that follows from a broken key is broken, too."""
+
+    def __missing__(self, attribute: str) -> Any:
+        raise Broken(attribute)
 
 
 class Form(NamedTuple):
@@ -125,23 +132,21 @@ def required_of(part: type) -> Iterator[str]:
 def read_keys(
     part: type, loader: Any, mapping: Mapping, broken: Callable[[], None] | None = None, **known: Any
 ) -> dict[str, Any]:
-    """Return the attributes that the keys of a mapping give, in the order of the table, after the `known` ones. Raises
-    Broken.
+    """Return the attributes that the keys of a mapping give, in the order of the table, after the `known` ones.
 
-    `broken`: called for a broken key; then the other keys are read, and its attribute is left out. If it is required,
-    Broken is raised after the last key.
+    Read all keys, so that the problems of each are noted; then raise Broken if a key is broken. With `broken`, call it
+    instead and leave the attribute of the key out; raise Broken only for a required key.
     """
     reading = KeyReading(loader, mapping)
-    reading.found |= known
+    reading.found.update(known)
     missing: Broken | None = None
     for attribute, one in table_of(part).items():
         try:
             reading.found[attribute] = one.read(reading)
         except Broken as error:
-            if broken is None:
-                raise
-            broken()
-            missing = error if one.required else missing
+            if broken is not None:
+                broken()
+            missing = missing or (error if one.required or broken is None else None)
     if missing is not None:
         raise missing
     return reading.found
@@ -162,7 +167,11 @@ def mapping_of(part: type, schema: Schema) -> Form:
 
 def list_of(part: type, schema: Schema) -> Form:
     """Return the form of mappings that are read into a class; a single mapping counts as a list."""
-    return Form(schema, lambda r, node: tuple(read_part(part, r.loader, item) for item in r.reader.items(node)))
+
+    def read(reading: KeyReading, node: Node) -> tuple[Any, ...]:
+        return reading.reader.each(reading.reader.items(node), lambda item: read_part(part, reading.loader, item))
+
+    return Form(schema, read)
 
 
 def expressions_with_kinds(part: Any) -> Iterator[tuple[Any, ValueKind]]:

@@ -24,6 +24,10 @@ class Position(NamedTuple):
 NOWHERE = Position("<built-in>", 1, 1)
 MOST_PROBLEMS = 100
 """Problems of one load that are reported; the others are counted."""
+MOST_EQUAL = 2
+"""Equal faults of a file that are reported separately; more are reported together."""
+MOST_PLACES = 8
+"""Other places that the problem of several places names; further ones are counted."""
 LONGEST_SENTENCE = 1_000
 """Characters of an error or a remedy that are printed."""
 
@@ -35,6 +39,8 @@ class Problem(NamedTuple):
     what: str
     todo: str = ""
     warning: bool = False
+    also: tuple[Position, ...] = ()
+    """Other places in the same file with the same fault; the text names them (`at_places`)."""
 
     def __str__(self) -> str:
         kind = "warning: " if self.warning else ""
@@ -48,12 +54,35 @@ def _shortened(sentence: str) -> str:
     return sentence if len(sentence) <= LONGEST_SENTENCE else f"{sentence[:half]} … {sentence[-half:]}"
 
 
+def at_places(problem: Problem, also: Iterable[Position]) -> Problem:
+    """Return the problem of one place as the problem of several places in the same file."""
+    places = tuple(also)
+    shown = [f"{place.line}:{place.column}" for place in places[:MOST_PLACES]]
+    if len(places) > MOST_PLACES:
+        shown.append(plural(len(places) - MOST_PLACES, "other place"))
+    what = f"{_shortened(problem.what)}, {len(places) + 1} times: also at {listed(shown)}"
+    return problem._replace(what=what, also=places)
+
+
+def together(problems: Iterable[Problem]) -> list[Problem]:
+    """Return the problems with more than `MOST_EQUAL` equal faults of a file as the problem of several places."""
+    equal: dict[tuple[object, ...], list[Problem]] = {}
+    for problem in problems:
+        kind = (problem.at.file, problem.what, problem.todo, problem.warning, problem.also)
+        equal.setdefault(kind, []).append(problem)
+    found: list[Problem] = []
+    for same in equal.values():
+        is_long = len(same) > MOST_EQUAL and same[0].at.line > 0
+        found += [at_places(same[0], (one.at for one in same[1:]))] if is_long else same
+    return found
+
+
 def most_important(problems: Iterable[Problem]) -> tuple[Problem, ...]:
-    """Return the problems sorted, each once: `MOST_PROBLEMS` at most, errors before warnings.
+    """Return the problems sorted, each once, equal ones together: `MOST_PROBLEMS` at most, errors before warnings.
 
     The last problem of a longer list counts the others.
     """
-    found = sorted(set(problems))
+    found = sorted(together(sorted(set(problems))))
     if len(found) <= MOST_PROBLEMS:
         return tuple(found)
     first = sorted(found, key=_is_warning)[:MOST_PROBLEMS]

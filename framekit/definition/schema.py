@@ -10,15 +10,25 @@ import difflib
 import json
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import islice
 from typing import Any, Literal
 
 from framekit.definition.brought import bring_word, import_installed
 from framekit.definition.nodes import CUT, QUOTE_EXPRESSION, Mapping, Node, Scalar, Sequence, looks_cut, without_cuts
-from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean, plural, printable
+from framekit.definition.problems import (
+    MOST_EQUAL,
+    DefinitionError,
+    Position,
+    Problem,
+    at_places,
+    did_you_mean,
+    plural,
+    printable,
+)
 from framekit.definition.sources import shipped_folder
+from framekit.definition.tree import Entry
 
 Path = tuple[str | int, ...]
 
@@ -63,8 +73,8 @@ class Places:
 
     def __init__(self, root: Node) -> None:
         self.root = root
-        self._keys: dict[int, dict[str, Position]] = {}
-        """Positions of the keys of each mapping that was asked for, by the identity of the node."""
+        self._entries: dict[int, dict[str, Entry]] = {}
+        """Entries of each mapping that was asked for, by the identity of the node."""
 
     def node(self, path: Iterable[str | int]) -> Node:
         """Return the node at a path of the plain tree."""
@@ -73,7 +83,7 @@ class Places:
             if isinstance(node, Sequence) and isinstance(step, int):
                 node = node.items[step]
             elif isinstance(node, Mapping):
-                node = node.get(str(step))
+                node = self._by_key(node)[str(step)].value
         assert node is not None  # paths come from the tree
         return node
 
@@ -82,10 +92,14 @@ class Places:
         node = self.node(path)
         if not isinstance(node, Mapping):
             return node.at
-        keys = self._keys.get(id(node))
-        if keys is None:
-            keys = self._keys[id(node)] = {entry.key.text: entry.key.at for entry in node.entries}
-        return keys.get(key, node.at)
+        entry = self._by_key(node).get(key)
+        return node.at if entry is None else entry.key.at
+
+    def _by_key(self, node: Mapping) -> dict[str, Entry]:
+        found = self._entries.get(id(node))
+        if found is None:
+            found = self._entries[id(node)] = {entry.key.text: entry for entry in node.entries}
+        return found
 
     def place(self, path: Path) -> str:
         """Return the nearest thing around with a name: `frame 'X'`, `step 'ask' of sequence 'exchange'`; '' for
@@ -160,20 +174,59 @@ class Messages:
         self.known_keys = known_keys
 
     def problems(self, errors: Iterable[Any]) -> list[Problem]:
-        """Return the errors of a validator as problems, `MOST_WORDED` at most; the last one counts the others."""
-        waiting = iter(errors)
-        complaints = [complaint for error in islice(waiting, MOST_WORDED) for complaint in self._worded(error)]
+        """Return the errors of a validator as problems, `MOST_WORDED` at most; the last one counts the others. Equal
+        errors of the parts of a section are the problem of several places.
+        """
+        equal: dict[Any, dict[Position, Any]] = {}
+        for number, error in enumerate(errors):
+            equal.setdefault(self._likeness(error) or number, {}).setdefault(self._place(error), error)
+        groups = [sorted(same.items(), key=lambda one: one[0]) for same in equal.values()]
+        waiting = iter(sorted(groups, key=lambda same: same[0][0]))  # the validator yields them in any order
+        complaints = [complaint for same in islice(waiting, MOST_WORDED) for complaint in self._worded_together(same)]
         kinds = {complaint.path for complaint in complaints if complaint.sort == "kinds"}
         problems = [
             complaint.problem
             for complaint in complaints
             if complaint.sort not in ("unknown", "missing") or complaint.path not in kinds
         ]
-        if others := sum(1 for _ in waiting):
+        if others := sum(map(len, waiting)):
             problems.append(
                 Problem(max(one.at for one in problems), _more(others, "error"), "correct the others first")
             )
         return problems
+
+    def _likeness(self, error: Any) -> tuple[Any, ...] | None:
+        """Return what errors with one message have in common apart from the name of the part; None for other errors."""
+        path = [str(step) if isinstance(step, str) else 0 for step in error.absolute_path]
+        if len(path) < 2 or "propertyNames" in error.absolute_schema_path:
+            return None
+        what: Any = None
+        if error.validator == "additionalProperties":
+            unknown = [key for key in error.instance if key not in error.schema.get("properties", {})]
+            what = unknown[0] if len(unknown) == 1 and not looks_cut(unknown[0]) else None
+        elif error.validator == "required":
+            what = self._missing(error) or None
+        elif error.validator in ("enum", "pattern") and isinstance(error.instance, str):
+            what = error.instance
+        return None if what is None else (error.validator, id(error.validator_value), path[0], *path[2:], what)
+
+    def _place(self, error: Any) -> Position:
+        """Return the place of an error: that of its value, or of the first unknown key."""
+        path: Path = tuple(error.absolute_path)
+        if error.validator == "additionalProperties":
+            unknown = (key for key in error.instance if key not in error.schema.get("properties", {}))
+            return self.places.key(path, next(unknown, ""))
+        return self.places.node(path).at
+
+    def _worded_together(self, same: list[tuple[Position, Any]]) -> Iterator[_Complaint]:
+        """Yield the complaints of equal errors: of each, or of the first one if there are many."""
+        (_, first), *others = same
+        if len(others) < MOST_EQUAL:
+            for _, error in same:
+                yield from self._worded(error)
+            return
+        for complaint in self._worded(first):
+            yield replace(complaint, problem=at_places(complaint.problem, (at for at, _ in others)))
 
     def _worded(self, error: Any) -> Iterator[_Complaint]:
         path: Path = tuple(error.absolute_path)
@@ -245,21 +298,27 @@ class Messages:
         hint = f"{did_you_mean(error.message, known)} If not, give it another name"
         yield self._unknown(path, error.message, error.schema, hint)
 
-    def _missing_keys(self, error: Any, path: Path) -> Iterator[_Complaint]:
-        """Yield all keys that are missing in one mapping, without those that are misspelt."""
-        node, schema = self.places.node(path), error.schema
-        properties = schema.get("properties", {})
+    def _missing(self, error: Any) -> tuple[str, ...]:
+        """Return all keys that are missing in one mapping, without those that are misspelt or meant by another key."""
+        schema = error.schema
+        properties, hints = schema.get("properties", {}), schema.get("x-hints", {})
         strange = [key for key in islice(error.instance, MOST_WORDED) if key not in properties]
+        meant = {word for key in strange for word in _WORDS_OF_HINT.findall(hints.get(key, ""))}
         cutoff = _NEARLY if OWN_KEYS in schema else 0.6
-        missing = [
+        return tuple(
             key
             for key in error.validator_value
-            if key not in error.instance and not difflib.get_close_matches(key, strange, n=1, cutoff=cutoff)
-        ]
+            if key not in error.instance
+            and key not in meant
+            and not difflib.get_close_matches(key, strange, n=1, cutoff=cutoff)
+        )
+
+    def _missing_keys(self, error: Any, path: Path) -> Iterator[_Complaint]:
+        missing, node = self._missing(error), self.places.node(path)
         if missing and node.at not in self.cut:
             keys = ("key " if len(missing) == 1 else "keys ") + ", ".join(f"'{key}'" for key in missing)
-            problem = Problem(node.at, f"missing {keys} in {self._thing(path, schema)}", _ADD[len(missing) > 1])
-            yield _Complaint(path, "missing", problem)
+            what = f"missing {keys} in {self._thing(path, error.schema)}"
+            yield _Complaint(path, "missing", Problem(node.at, what, _ADD[len(missing) > 1]))
 
     def _kinds(self, error: Any, path: Path) -> Iterator[_Complaint]:
         """Report a mapping that does not have exactly one of the keys that name its kind."""
@@ -297,7 +356,9 @@ class Messages:
     def _together(self, error: Any, path: Path) -> Iterator[_Complaint]:
         for key, needed in error.validator_value.items():
             for other in needed:
-                if key in error.instance and other not in error.instance:
+                strange = [one for one in error.instance if one not in error.schema.get("properties", {})]
+                is_misspelt = difflib.get_close_matches(other, strange[:MOST_WORDED], n=1)
+                if key in error.instance and other not in error.instance and not is_misspelt:
                     what = f"'{key}' needs '{other}' beside it{self._inside(path)}"
                     problem = Problem(self.places.key(path, key), what, f"add {other} or remove {key}")
                     yield _Complaint(path, "value", problem)
@@ -484,6 +545,7 @@ _NAMES: dict[Kind, str] = {
 }
 _SUFFIX = ".schema.json"
 _DEFINITION = "#/$defs/"
+_WORDS_OF_HINT = re.compile(r"\w+")
 _NEARLY = 0.8
 
 

@@ -58,9 +58,17 @@ MOST_SPEED = 1_000_000_000
 """The highest speed of a line (bits a second): a bit takes a nanosecond then, the unit of all times."""
 
 
+_FORMAT = re.compile(r"([5-9])([NEOMSneoms])(1|1\.5|2)")
+
+
+def is_format(text: str) -> bool:
+    """Return whether a text is written like the format of a line: `8E1`."""
+    return _FORMAT.fullmatch(text.strip()) is not None
+
+
 def parse_format(text: str, speed: int) -> LineFormat:
     """Parse `8E1`, `7O2`, `8N1.5` at `speed` bits a second. Raises ValueError with a sentence for other texts."""
-    match = re.fullmatch(r"([5-9])([NEOMSneoms])(1|1\.5|2)", text.strip())
+    match = _FORMAT.fullmatch(text.strip())
     if match is None:
         raise ValueError(f"'{text}' is not a line format – write data bits, parity and stop bits, such as 8N1 or 7E1")
     if match[1] == "9" and match[2] not in "Nn":

@@ -6,6 +6,7 @@ needs.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -110,3 +111,20 @@ def unread(node: Node) -> Iterator[tuple[Mapping, Entry]]:
                     waiting.append(entry.value)
                 elif looked_at and entry.key.text not in NOTES:
                     yield node, entry
+
+
+def words_in(node: Node | None) -> frozenset[str]:
+    """Return all identifiers in the texts of a node."""
+    found: set[str] = set()
+    seen, waiting = {id(node)}, [node]
+    while waiting:
+        here = waiting.pop()
+        if isinstance(here, Scalar):
+            found.update(re.findall(r"[A-Za-z_]\w*", here.text))
+            continue
+        parts: list[Node] = list(here.items) if isinstance(here, Sequence) else []
+        if isinstance(here, Mapping):
+            parts = [part for entry in here.entries for part in (entry.key, entry.value)]
+        waiting += [part for part in parts if id(part) not in seen]
+        seen.update(map(id, parts))
+    return frozenset(found)

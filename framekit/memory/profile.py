@@ -243,8 +243,11 @@ def _profile(root: Mapping, documents: Documents, file: Path | None = None) -> M
     """
     reader = documents.reader
     profile = ProfileLoader(reader, root).profile()
-    if not reader.problems:
-        reader.problems.extend(check_forms(profile.addresses, profile.areas, profile.tables))
+    named = (
+        entry.key.text for key in ("areas", "tables") for entry in reader.tried(reader.entries, root.get(key)) or ()
+    )
+    broken = {*named} - profile.areas.keys() - profile.tables.keys()
+    reader.problems.extend(check_forms(profile.addresses, profile.areas, profile.tables, broken))
     for form in profile.addresses:
         if form.counts is not None:
             what = "places of a memory profile begin at whole elements, so counts: is not for it"

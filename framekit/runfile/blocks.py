@@ -7,6 +7,7 @@ import re
 from collections.abc import Collection, Iterator
 from collections.abc import Mapping as MappingOf
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Literal, get_args
 
 from framekit.definition.expression import Expression, Name, names_in
@@ -72,8 +73,13 @@ class BlockLoader:
         jobs: JobsSection | Literal["wrong"] | None = None,
         folder: Path = Path(),
         own_bits: Collection[str] = (),
+        broken: MappingOf[int, Channel] = MappingProxyType({}),
     ) -> None:
-        """Prepare the loader; `own_bits`: bits that the own memory sets by itself, as its profile writes them."""
+        """Prepare the loader; `own_bits`: bits that the own memory sets by itself, as its profile writes them.
+
+        `broken`: channels with errors whose protocol is known; their blocks are checked as far as possible.
+        """
+        self.broken = broken
         self.reader = reader
         self.grammar = grammar
         self._own_bits = {_without_zeros(bit): bit for bit in own_bits}
@@ -119,10 +125,12 @@ class BlockLoader:
         if self._is_record(keys) or any(name in keys for name in COMMANDS):
             return self._command(number, set_number, keys, entry)
         kinds = [name for name in INSTRUCTIONS if name in keys]
+        self.attempts.spoilt = False
         if len(kinds) != 1:
+            if keys.get("channel") is not None:
+                self._channel(keys, entry)
             raise Broken("the schema has told what is wrong with the instruction")
         instruction = kinds[0]
-        self.attempts.spoilt = False
         common = self._common(number, set_number, instruction, keys, entry)
         self._starts(instruction, keys, entry)
         channel = self._channel(keys, entry)
@@ -240,6 +248,9 @@ class BlockLoader:
                 return next(iter(self.channels.values()))
             raise self.reader.broken(entry.key.at, f"block {entry.key.text} names no channel", "add channel: NUMBER")
         number = read_channel_number(self.reader, node, self.known)
+        if number in self.broken and number not in self.channels:
+            self.attempts.spoilt = True
+            return self.broken[number]
         if number not in self.channels:
             if str(number) in self.known:
                 raise Broken("the channel has been told")
@@ -255,8 +266,9 @@ class BlockLoader:
         if instruction in ("send", "receive"):
             return {"station": channel.station}
         node = keys.get("station")
-        asks = instruction in ("read", "write", "call")
-        names_own = asks or instruction == "command"
+        is_right = channel.number not in self.broken and not channel.listens
+        asks = is_right and instruction in ("read", "write", "call")
+        names_own = asks or (is_right and instruction == "command")
         if names_own and channel.own is None and channel.number not in self.without_own and needs_own(channel.protocol):
             self.without_own.add(channel.number)
             what = f"requests of '{channel.protocol.name}' name the asking side, and this channel has no number"

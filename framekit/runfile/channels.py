@@ -82,11 +82,12 @@ class Attempts:
 
 def read_clients(reader: Reader, node: Node) -> tuple[Network, ...]:
     """Return the addresses and networks from which clients may connect: a single entry or a list. Raise Broken."""
-    found = []
-    for item in reader.items(node):
+
+    def network(item: Node) -> Network:
         with reader.refusing(item.at):
-            found.append(network_of(reader.text(item)))
-    return tuple(found)
+            return network_of(reader.text(item))
+
+    return reader.each(reader.items(node), network)
 
 
 def read_channel_number(reader: Reader, node: Node, known: Collection[str]) -> int:

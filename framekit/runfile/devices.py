@@ -14,7 +14,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from framekit.definition.check.protocol import check_protocol
 from framekit.definition.expression import Call, Text, names_in, walk
 from framekit.definition.load.documents import Documents
 from framekit.definition.load.protocol import DeviceDefinition, definition_path, load_device_definition, load_protocol
@@ -117,7 +116,11 @@ def load_devices(name: str | Path, folder: Path, settings: DeviceSettings | None
     documents = Documents(reader)
     devices: tuple[Device, ...] = ()
     with suppress(Broken):
-        definition = _definition(reader, documents, name, folder)
+        try:
+            definition = _definition(reader, documents, name, folder)
+        except Broken:
+            _look_at_rest(reader, documents, definition_path(name, folder))
+            raise
         if settings is not None:
             protocol = with_state(definition.protocol, settings.state)
             definition = replace(definition, root=settings.on(definition.root), protocol=protocol)
@@ -128,6 +131,14 @@ def load_devices(name: str | Path, folder: Path, settings: DeviceSettings | None
     if not devices or any(not problem.warning for problem in problems):
         raise DefinitionError(problems)
     return devices
+
+
+def _look_at_rest(reader: Reader, documents: Documents, path: Path) -> None:
+    """Note problems of the keys of a device file that do not depend on its protocol."""
+    root = documents.roots.get(path.resolve())
+    if root is not None:
+        read_fault_plan(reader, root.get("faults"), path.parent, None)
+        reader.tried(partial(read_clients, reader), root.get("clients"))
 
 
 def _over_others(
@@ -167,15 +178,13 @@ def _definition(reader: Reader, documents: Documents, name: str | Path, folder: 
         if protocol.kind == "application":
             what = f"'{protocol.name}' has no line of its own"
             raise DefinitionError([Problem(at, what, "name a protocol that carries it")])
-        return DeviceDefinition(protocol.name, protocol, MappingNode((), at), folder / "device", frozenset())
+        return DeviceDefinition(protocol.name, protocol, MappingNode((), at), folder / "device")
     if kind != "device":
         what = f"this is a {kind} file"
         raise DefinitionError([Problem(Position(str(name), 0, 0), what, "name a protocol or a device file")])
     definition = load_device_definition(reader, documents, path, folder)
     if definition.protocol.kind == "application" and (named := definition.root.get("protocol")) is not None:
         reader.note(named.at, f"'{definition.protocol.name}' has no line of its own", "name a protocol that carries it")
-    if not definition.plain:
-        reader.problems.extend(check_protocol(definition.protocol, definition.broken))
     return definition
 
 
@@ -185,10 +194,12 @@ class _DeviceLoader:
         self.definition = definition
         self.protocol = definition.protocol
         self.root = definition.root
-        self.is_protocol_sound = all(problem.warning for problem in reader.problems)
+        file = definition.root.at.file
+        self.is_protocol_sound = all(problem.warning or problem.at.file == file for problem in reader.problems)
+        """Whether the areas and addresses of the protocol are right; a device file does not change them."""
 
     def load(self) -> tuple[Device, ...]:
-        """Return the devices; problems are noted. Raises Broken if a wrong protocol makes their memory unknown."""
+        """Return the devices; problems are noted."""
         reader, role = self.reader, None
         with reader.going_on():
             role = self._role()
@@ -214,7 +225,7 @@ class _DeviceLoader:
             initial=start_values(reader, grammar, node.get("set") if isinstance(node, MappingNode) else None),
             faults=read_fault_plan(reader, self.root.get("faults"), self.definition.path.parent, self.protocol),
             behaviours=self._behaviours(grammar),
-            clients=self.reader.maybe(partial(read_clients, reader), self.root.get("clients")) or (),
+            clients=reader.tried(partial(read_clients, reader), self.root.get("clients")) or (),
         )
         if len(stations) < 2:
             return (replace(device, own=stations[0] if stations else None),)
@@ -226,6 +237,8 @@ class _DeviceLoader:
         """
         try:
             profile = self._profile()
+        except Broken:
+            return None, (), AnyAddresses()
         except DefinitionError as error:
             self.reader.problems.extend(error.problems)
             return None, (), AnyAddresses()

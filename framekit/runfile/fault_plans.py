@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from framekit.definition.load.documents import load_file
-from framekit.definition.load.reader import Reader
+from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.frames import parts_of
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Check
@@ -48,17 +49,18 @@ def load_fault_plan(name: str | Path, folder: Path | None = None, at: Position =
 
 
 def read_fault_plan(
-    reader: Reader, node: Node | None, folder: Path, protocol: Protocol, *, line: bool = False
+    reader: Reader, node: Node | None, folder: Path, protocol: Protocol | None, *, line: bool = False
 ) -> FaultPlan | None:
     """Return the plan under `faults:` of another file, given by name or in place; None if missing. Problems are noted.
 
-    `line`: the plan applies to a whole line, not only to the frames that one device sends.
+    `line`: the plan applies to a whole line, not only to the frames that one device sends. Without a protocol only the
+    plan itself is checked.
     """
     if node is None:
         return None
     if isinstance(node, Mapping):
         plan = _PlanLoader(reader).plan(node, "faults")
-        reader.problems.extend(mismatches(plan, protocol, line=line))
+        reader.problems.extend(() if protocol is None else mismatches(plan, protocol, line=line))
         return plan
     with reader.going_on():
         name = reader.text(node)
@@ -69,9 +71,8 @@ def read_fault_plan(
         except DefinitionError as error:
             reader.problems.extend(error.problems)
             return None
-        reader.problems.extend(
-            Problem(node.at, problem.what, problem.todo) for problem in mismatches(plan, protocol, line=line)
-        )
+        for problem in () if protocol is None else mismatches(plan, protocol, line=line):
+            reader.note(node.at, problem.what, problem.todo)
         return plan
     return None
 
@@ -110,27 +111,30 @@ class _PlanLoader:
         return FaultPlan(name=name, seed=seed, rules=tuple(rules), at=root.at)
 
     def rule(self, keys: Mapping) -> FaultRule:
-        """Return one rule. Raise Broken."""
-        reader = self.reader
+        """Return one rule. Raise Broken after all its keys have been read."""
+        reader, before = self.reader, len(self.reader.problems)
         kind = reader.text(keys.get("fault"))
         self._settings(kind, keys)
-        place, of, data = keys.get("place"), keys.get("of"), keys.get("data")
+        place, of = keys.get("place"), keys.get("of")
+        begin, end = reader.tried(reader.time, keys.get("from")), reader.tried(reader.time, keys.get("until"))
         rule = FaultRule(
             kind=kind,  # type: ignore[arg-type]  # the schema knows them
             of=None if of is None else reader.text(of),  # type: ignore[arg-type]
-            rate=reader.maybe(self._share, keys.get("rate")),
-            every=self._positive(keys.get("every")),
-            times=self._positive(keys.get("times")),
-            begin=reader.maybe(reader.time, keys.get("from")) or 0,
-            end=NEVER if (node := keys.get("until")) is None else reader.time(node),
-            frame=reader.maybe(reader.text, keys.get("frame")),
-            time=self._time(kind, keys.get("time")),
-            size=self._positive(keys.get("bytes")),
-            data=None if data is None else reader.bytes(data),
+            rate=reader.tried(self._share, keys.get("rate")),
+            every=reader.tried(self._positive, keys.get("every")),
+            times=reader.tried(self._positive, keys.get("times")),
+            begin=begin or 0,
+            end=NEVER if end is None else end,
+            frame=reader.tried(reader.text, keys.get("frame")),
+            time=reader.tried(partial(self._time, kind), keys.get("time")),
+            size=reader.tried(self._positive, keys.get("bytes")),
+            data=reader.tried(reader.bytes, keys.get("data")),
             before=place is not None and reader.text(place) == "before",
-            code=reader.maybe(reader.number, keys.get("code")),
+            code=reader.tried(reader.number, keys.get("code")),
             at=keys.at,
         )
+        if len(reader.problems) > before:
+            raise Broken("a key of the rule")
         if rule.end <= rule.begin:
             raise reader.broken(keys.at, "the window ends before it begins", "give an until behind from")
         return rule
@@ -152,7 +156,7 @@ class _PlanLoader:
             reader.note(data.at, "there are data and bytes", "leave one of them out")
         needed = NEEDED.get(kind)
         if needed is not None and keys.get(needed) is None:
-            raise reader.broken(keys.at, f"{kind} needs '{needed}'", f"add {needed}:")
+            reader.note(keys.at, f"{kind} needs '{needed}'", f"add {needed}:")
 
     def _share(self, node: Node) -> float:
         """Return a share written as `0.05`, `5 %` or `1/20`. Raise Broken."""
@@ -169,17 +173,13 @@ class _PlanLoader:
             raise self.reader.broken(node.at, f"'{text}' is no probability", "give one from 0 to 1")
         return share
 
-    def _positive(self, node: Node | None) -> int | None:
-        if node is None:
-            return None
+    def _positive(self, node: Node) -> int:
         number = self.reader.number(node)
         if number < 1:
             raise self.reader.broken(node.at, f"{number} is too little here", "give 1 or more")
         return number
 
-    def _time(self, kind: str, node: Node | None) -> int | None:
-        if node is None:
-            return None
+    def _time(self, kind: str, node: Node) -> int:
         time = self.reader.time(node)
         if not 0 < time < NEVER:
             raise self.reader.broken(

@@ -7,20 +7,21 @@ from __future__ import annotations
 
 import csv
 import os
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence, Set
 from collections.abc import Mapping as MappingOf
+from contextlib import suppress
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 from framekit.definition.expression import Expression
-from framekit.definition.load.documents import load_file
+from framekit.definition.load.documents import Documents
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.model.services import UNIT_BITS
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar
-from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
+from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean, is_nearly
 from framekit.definition.schema import validate
 from framekit.definition.sources import INSIDE, leaves_folder
 from framekit.definition.times import NEVER
@@ -29,7 +30,7 @@ from framekit.link.packing import Typed, typed_at
 from framekit.link.services.rows import wants_address
 from framekit.memory.views import ORDERS, VIEWS, NumberView, TextView, view_of
 from framekit.run.model import POINTS_AREA, Block, Channel, OwnPlace, Point, Scaling
-from framekit.run.own_memory import stored_by
+from framekit.run.own_memory import AnyAddresses, stored_by
 from framekit.run.points import PointCall, PointRead, planned
 from framekit.run.transfer import Shape, is_path, shapes_of
 from framekit.run.triggers import Every
@@ -52,23 +53,44 @@ _LISTS = {"enum": ";"}
 """Columns of a table that hold several items, and the separator of the items."""
 
 
+class WrittenPoints(NamedTuple):
+    """The points of a file as written, and the problems of the file."""
+
+    entries: tuple[Entry, ...]
+    problems: Sequence[Problem]
+    refused: Set[Position] = frozenset()
+    """The places that the schema has reported."""
+
+
 def load_points(path: Path) -> tuple[Entry, ...]:
-    """Return the points of a file as written. Raise DefinitionError with all problems."""
+    """Return the points of a file as written. Raise DefinitionError with all problems that need no run."""
+    found, reader = read_points(path), Reader()
+    PointsLoader(reader, path.parent, AnyAddresses(), {}, ()).look_at_values(found)
+    problems = [*found.problems, *reader.problems]
+    if any(not problem.warning for problem in problems):
+        raise DefinitionError(problems)
+    return found.entries
+
+
+def read_points(path: Path) -> WrittenPoints:
+    """Return the points of a file and its problems. Raise DefinitionError for a file that cannot be read at all."""
     if path.suffix == ".csv":
         return _table(path)
-
-    def read(reader: Reader, root: Mapping) -> tuple[Entry, ...]:
+    reader = Reader()
+    documents = Documents(reader)
+    entries: tuple[Entry, ...] = ()
+    with suppress(Broken):
+        root = documents.root(path, "points")
         reader.text(root.get("points"))  # the name is only for people
-        return reader.entries(root.get("values"))
-
-    return load_file(path, "points", read)
+        entries = reader.entries(root.get("values"))
+    return WrittenPoints(entries, documents.first_words(reader.problems), documents.refused)
 
 
 # ---- tables -----------------------------------------------------------------------------------------------------
 
 
-def _table(path: Path) -> tuple[Entry, ...]:
-    """Return the rows of a table as points. Raise DefinitionError with all problems."""
+def _table(path: Path) -> WrittenPoints:
+    """Return the rows of a table as points. Raise DefinitionError for a table without its columns."""
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             rows = list(numbered_rows(csv.reader(file)))
@@ -90,9 +112,7 @@ def _table(path: Path) -> tuple[Entry, ...]:
     values = Mapping((Entry(Scalar("values", start), Mapping(tuple(entries), start)),), start)
     head = Mapping((Entry(Scalar("points", start), Scalar(path.stem, start)), *values.entries), start)
     problems = [*_doubles(entries), *validate(head, "points")]
-    if problems:
-        raise DefinitionError(problems)
-    return tuple(entries)
+    return WrittenPoints(tuple(entries), problems, {at for problem in problems for at in (problem.at, *problem.also)})
 
 
 def _row(columns: Sequence[str], row: Sequence[str], file: str, line: int) -> Entry:
@@ -135,6 +155,8 @@ class _Group:
 
     keys: Mapping | None = None
     prefix: str = ""
+    refused: Set[Position] = frozenset()
+    """The places of the file that its schema has reported."""
 
 
 class PointsLoader:
@@ -178,12 +200,16 @@ class PointsLoader:
                 own[id(group.keys)] = group.keys
             name = f"{group.prefix}.{entry.key.text}" if group.prefix else entry.key.text
             self.names.append(name)
+            before = len(self.reader.problems)
             with self.reader.going_on():
                 one = self._point(name, entry, group)
                 if name in found:
                     what = f"there are two points '{name}'"
                     raise self.reader.broken(entry.key.at, what, "name one of them otherwise, or give a prefix")
                 found[name] = one
+            if group.refused:
+                new = self.reader.problems[before:]
+                self.reader.problems[before:] = [problem for problem in new if problem.at not in group.refused]
             if group.keys is not None and (name not in found or isinstance(found[name], PointRead)):
                 on_channel.add(id(group.keys))
         for number, keys in own.items():
@@ -208,9 +234,11 @@ class PointsLoader:
             with self.reader.going_on():
                 prefix = "" if keys is None or keys.get("prefix") is None else self.reader.text(keys.get("prefix"))
                 if file is not None:
-                    yield from ((entry, _Group(keys, prefix)) for entry in self._file(file))
+                    written = self._file(file)
+                    self.reader.problems.extend(written.problems)
+                    yield from ((entry, _Group(keys, prefix, written.refused)) for entry in written.entries)
 
-    def _file(self, node: Node) -> tuple[Entry, ...]:
+    def _file(self, node: Node) -> WrittenPoints:
         """Return the points of a file in the folder of the run. Raise Broken."""
         name = self.reader.text(node)
         path = self.folder / name
@@ -222,7 +250,7 @@ class PointsLoader:
             known = (one.name for end in (SUFFIX, ".csv") for one in self.folder.glob(f"*{end}"))
             raise self.reader.broken(node.at, f"there is no file '{path.name}'", did_you_mean(name, known))
         try:
-            return load_points(path)
+            return read_points(path)
         except DefinitionError as error:
             self.reader.problems.extend(error.problems)
             raise Broken(name) from None
@@ -270,6 +298,7 @@ class PointsLoader:
             about=self.attempts.maybe(reader.text, keys.get("about")) or "",
             at=entry.key.at,
         )
+        self._out_of_range(keys, point.deadband, point.decimals, point.names)
         self._effects(keys, channel, point, every)
         if self.attempts.spoilt:
             raise Broken(name)
@@ -285,21 +314,28 @@ class PointsLoader:
         text = f"{call.service} {call.result}"
         return text, Address(POINTS_AREA, form.carrier, 0, text, {}), form, call
 
+    def look_at_values(self, written: WrittenPoints) -> None:
+        """Note problems of points that can be found without a run."""
+        for entry in written.entries:
+            if isinstance(entry.value, Mapping):
+                self._look_at_rest(entry.value, _Group())
+        self.reader.problems[:] = [problem for problem in self.reader.problems if problem.at not in written.refused]
+
     def _look_at_rest(self, keys: Mapping, group: _Group) -> None:
         """Note problems of the keys of a point that need neither its channel nor its address."""
         node = keys.get("type")
-        numeric = node is None or self.reader.text(node) != "string"
+        numeric = not isinstance(node, Scalar) or node.text != "string"
         for read in (
             lambda: self._time(keys, group, "every"),
             lambda: self._time(keys, group, "stale"),
             lambda: self._scaling(keys, numeric),
-            lambda: self._number_of(keys, "decimals", numeric, self.reader.number),
-            lambda: self._names(keys),
-            lambda: self._number_of(keys, "deadband", numeric, self._exact),
             lambda: self._limits(keys),
         ):
             with self.reader.going_on():
                 read()
+        decimals = self.attempts.to(lambda: self._number_of(keys, "decimals", numeric, self.reader.number))
+        deadband = self.attempts.to(lambda: self._number_of(keys, "deadband", numeric, self._exact))
+        self._out_of_range(keys, float(deadband or 0), decimals, self.attempts.to(lambda: self._names(keys)) or {})
 
     def _typed(self, keys: Mapping) -> tuple[str | None, str | None, int | None]:
         """Return `type`, `order` and `size` of a point. Raise Broken."""
@@ -323,6 +359,8 @@ class PointsLoader:
     def _addressed(self, keys: Mapping, channel: Channel | None, entry: Entry) -> tuple[str, Address, Typed]:
         """Return the address of a point as written and parsed, and the form of its value. Raise Broken."""
         reader, address_node = self.reader, keys.get("address")
+        if address_node is None and any(is_nearly("address", one.key.text) for one in keys.entries):
+            raise Broken("the schema has reported a misspelt key")
         if address_node is None:
             what = f"missing key 'address' in point '{entry.key.text}'"
             raise reader.broken(keys.at, what, "add it, or call: with the service that brings the value")
@@ -536,8 +574,21 @@ class PointsLoader:
             self.attempts.spoilt = True
         return limits
 
+    def _out_of_range(self, keys: Mapping, deadband: float, decimals: int | None, names: MappingOf[int, str]) -> None:
+        """Note values out of range."""
+        most, none = f"0 to {MOST_DECIMALS} are", "name each its own"
+        wrong = [
+            (deadband < 0, "deadband", "a dead band is not below 0", "give 0 or more"),
+            (not 0 <= (decimals or 0) <= MOST_DECIMALS, "decimals", "so many decimals are not possible", most),
+            (len(set(names.values())) < len(names), "enum", "two numbers have one word", none),
+        ]
+        for is_wrong, key, what, todo in wrong:
+            if is_wrong:
+                self.reader.note(self._at(keys, key), what, todo)
+                self.attempts.spoilt = True
+
     def _effects(self, keys: Mapping, channel: Channel | None, point: Point, every: int) -> None:
-        """Note keys without effect and values out of range."""
+        """Note keys without effect, and a value that would be stale before it is read again."""
         reader = self.reader
         useless = []
         if channel is None:
@@ -548,22 +599,9 @@ class PointsLoader:
             useless.append(("range", "the point is not written; access: rw allows it"))
         if point.names and point.form.type == "string":
             useless.append(("enum", "a string has no numbers"))
-        most, none = f"0 to {MOST_DECIMALS} are", "give more than every:"
-        wrong = [
-            (point.deadband < 0, "deadband", "a dead band is not below 0", "give 0 or more"),
-            (not 0 <= (point.decimals or 0) <= MOST_DECIMALS, "decimals", "so many decimals are not possible", most),
-            (
-                len(set(point.names.values())) < len(point.names),
-                "enum",
-                "two numbers have one word",
-                "name each its own",
-            ),
-            (channel is not None and point.stale < every, "stale", "a value is stale before it is read again", none),
-        ]
-        for is_wrong, key, what, todo in wrong:
-            if is_wrong:
-                reader.note(self._at(keys, key), what, todo)
-                self.attempts.spoilt = True
+        if channel is not None and point.stale < every:
+            reader.note(self._at(keys, "stale"), "a value is stale before it is read again", "give more than every:")
+            self.attempts.spoilt = True
         if point.names and (point.deadband or point.decimals is not None):
             useless += [(key, "words are shown") for key in ("deadband", "decimals") if key in keys]
         self._useless(keys, useless)

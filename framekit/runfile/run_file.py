@@ -51,7 +51,9 @@ def load_run(path: Path, text: str | None = None) -> RunModel:
 
 
 class RunReading(NamedTuple):
-    """The result of reading a file: the run, or None if it has errors; the valid channels; and all problems."""
+    """The result of reading a file: the run, or None if it has errors; the channels whose protocols are known, also
+    those with errors; and all problems.
+    """
 
     run: RunModel | None
     channels: tuple[Channel, ...]
@@ -96,7 +98,8 @@ class RunLoader:
         own_bits: list[str] = []
         if profile is not None:
             own_bits = [*(clock.address for clock in profile.clocks), *(bit.address for bit in profile.fixed)]
-        blocks = BlockLoader(self.reader, grammar, channels, known, self.root, jobs, self.path.parent, own_bits)
+        broken = self.channels.broken
+        blocks = BlockLoader(self.reader, grammar, channels, known, self.root, jobs, self.path.parent, own_bits, broken)
         memory = self.root.get("memory")
         first = memory.get("set") if isinstance(memory, Mapping) else None
         initial = tuple(
@@ -105,15 +108,15 @@ class RunLoader:
         found, sets = self._blocks(blocks), self._sets()
         points = PointsLoader(self.reader, self.path.parent, grammar, channels, found, known, self.channels.broken)
         named, reads, points_words = points.load(self.root.get("points"))
-        state = self.reader.maybe(lambda node: read_state(self.reader, node, profile), self.root.get("state"))
-        status = self.reader.flag(self.root.get("status"), default=True)
+        state = self.reader.tried(lambda node: read_state(self.reader, node, profile), self.root.get("state"))
+        status = self.reader.tried(self.reader.flag, self.root.get("status")) is not False
         written = named if points.is_complete else None
         sinks = SinksLoader(self.reader, self.path, written, points.names, "" if state is None else state.file)
         sink_kinds = sinks.load(self.root.get("sinks"))
-        fleet = self.reader.maybe(
+        fleet = self.reader.tried(
             lambda node: load(SECTIONS["fleet"])(self.reader, node, self.path.parent), self.root.get("fleet")
         )
-        self.reader.problems.extend(doubled_ports(channels.values(), sink_kinds))
+        self.reader.problems.extend(doubled_ports(self.read_channels, sink_kinds))
         if profile is None:
             raise Broken("memory")
         self._look_at(found, channels, profile, status)
@@ -147,7 +150,8 @@ class RunLoader:
                 if channel.number in channels:
                     self.reader.note(entry.key.at, f"there are two channels {channel.number}", "renumber one of them")
                 channels[channel.number] = channel
-        self.read_channels = tuple(channels.values())
+        broken = (one for number, one in self.channels.broken.items() if number not in channels)
+        self.read_channels = tuple(sorted((*channels.values(), *broken), key=lambda channel: channel.at))
         return channels
 
     def _look_at(

@@ -6,7 +6,7 @@ Also the possible units of the elements of a service row, which follow from area
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 
 from framekit.definition.expression import Attribute, Expression, Name, inverse_steps, names_in, walk
 from framekit.definition.model.frames import names_read
@@ -30,12 +30,21 @@ _UNIT = re.compile(r"[1-9]\d* bytes?")
 
 
 def check_forms(
-    forms: tuple[AddressForm, ...], areas: Mapping[str, AreaModel], tables: Mapping[str, Table]
+    forms: tuple[AddressForm, ...],
+    areas: Mapping[str, AreaModel],
+    tables: Mapping[str, Table],
+    broken: Collection[str] = (),
 ) -> Iterator[Problem]:
-    """Report all problems of the forms of an `addresses` section."""
+    """Report all problems of the forms of an `addresses` section.
+
+    `broken`: names of areas and tables with errors; forms that name them are not checked.
+    """
     columns = {name for area in areas.values() for name in area.columns}
     for form in forms:
         parts = tuple(parts_in(form))
+        named = names_read(form) | {form.area, form.unit, form.units_table, *(part.base for part in parts)}
+        if not named.isdisjoint(broken):
+            continue
         yield from _start(form, parts)
         yield from _area(form, parts)
         for part in parts:
@@ -44,7 +53,7 @@ def check_forms(
         yield from _type(form)
         yield from _counts(form, tables)
         yield from _ranges(form, parts)
-        yield from _names(form, parts, columns, tables)
+        yield from _names(form, parts, columns, tables, areas)
 
 
 def check_parts(protocol: Protocol) -> Iterator[Problem]:
@@ -200,7 +209,11 @@ def _counts(form: AddressForm, tables: Mapping[str, Table]) -> Iterator[Problem]
 
 
 def _names(
-    form: AddressForm, parts: tuple[FormPart, ...], columns: set[str], tables: Mapping[str, Table]
+    form: AddressForm,
+    parts: tuple[FormPart, ...],
+    columns: set[str],
+    tables: Mapping[str, Table],
+    areas: Mapping[str, AreaModel],
 ) -> Iterator[Problem]:
     """Report unknown names in the results: known are parts, other results, tables, and columns as `area.NAME`."""
     known = {"area", *(part.name for part in parts), *form.results, *tables}
@@ -208,7 +221,14 @@ def _names(
         if expression is None or isinstance(expression, str):
             continue
         for node in walk(expression.root):
-            if isinstance(node, Name) and node.name not in known:
+            if (
+                isinstance(node, Name)
+                and node.name not in known
+                and node is expression.root
+                and expression is form.area
+            ):
+                yield Problem(node.at, f"there is no area '{node.name}'", did_you_mean(node.name, areas))
+            elif isinstance(node, Name) and node.name not in known:
                 yield Problem(node.at, f"there is no name '{node.name}' here", did_you_mean(node.name, known))
             of_area = isinstance(node, Attribute) and isinstance(node.value, Name) and node.value.name == "area"
             if of_area and isinstance(node, Attribute) and node.name not in columns | {"size"}:

@@ -11,6 +11,7 @@ from framekit.definition.kinds.data import REQUEST
 from framekit.definition.model.frames import (
     WIRE,
     Frame,
+    PartlyRead,
     StaticSizes,
     all_fixed,
     by_value_name,
@@ -80,6 +81,17 @@ def check_frame(protocol: Protocol, frame: Frame, ends: FrameEnds) -> list[Probl
             protocol, frame, not frame.delimited and frame.size is None and ends.is_open(frame.segments)
         )
     return found
+
+
+def check_partly_read(frame: PartlyRead) -> Iterator[Problem]:
+    """Yield the problems of the good segments of a frame with errors, each by itself."""
+    twice: dict[str, Problem] = {}
+    _values(frame.segments, twice)
+    yield from twice.values()
+    yield from _order_of_sizes(frame.segments, set())
+    for segment in everything(frame.segments):
+        if segment.at not in frame.holders:
+            yield from segment.check()
 
 
 def _keys(protocol: Protocol, frame: Frame, ends: FrameEnds) -> Iterator[Problem]:

@@ -34,7 +34,7 @@ from framekit.definition.model.frames import (
     parts_of,
 )
 from framekit.definition.model.procedure import Action, Row, Sequence, Step, Target
-from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.protocol import Protocol, Rest
 from framekit.definition.model.segments import INDEX, LAST, PREVIOUS
 from framekit.definition.model.services import AS_NUMBERS, NUMBER_BITS, OFFERED, ServeWork, ServiceRow
 from framekit.definition.model.values import EachOf, FrameOf, Value
@@ -108,9 +108,14 @@ class NameChecker:
         self.serves = any(step.serve is not None for step in parts_of(dict(protocol.sequences), Step))
         self.problems: list[Problem] = []
 
-    def check(self) -> list[Problem]:
-        """Return the problems of all expressions in the protocol."""
+    def check(self, rest: Rest) -> list[Problem]:
+        """Return the problems of all expressions in the protocol, and in the `rest` of its parts with errors."""
         protocol = self.protocol
+        for partly_read in rest.frames:
+            if partly_read.lost is not None:
+                self._segments(partly_read.segments, EXCHANGE | partly_read.lost)
+        for partly_read_row, words in rest.rows:
+            self._service(partly_read_row, words)
         for frame in protocol.frames.values():
             self._segments(frame.segments, EXCHANGE)
             self._expressions(frame.announces, {*field_names(frame.segments), WIRE})
@@ -336,8 +341,9 @@ class NameChecker:
 
     # ---- services -----------------------------------------------------------------------------------------
 
-    def _service(self, row: ServiceRow) -> None:
-        local = self._names_of_row(row)
+    def _service(self, row: ServiceRow, more: Collection[str] = ()) -> None:
+        """Check a row; `more`: words that may be names of its own."""
+        local = self._names_of_row(row) | {*more}
         run = None if row.run is None else row.run.root
         if isinstance(run, Name) and run.name not in self.globally | local:
             hint = did_you_mean(run.name, self.protocol.sequences)

@@ -169,7 +169,8 @@ class _ActionChecker:
             what = f"the frame '{name}' is made of its fields, not of bytes"
             self._note(value.at, what, f"write {{{name}: {{field: value}}}}")
         elif name not in self.broken:
-            todo = "write the name of a frame, a variable, or {FRAME: {field: value}}"
+            hint = did_you_mean(name, self.protocol.frames) if name and isinstance(value, RecordOf) else ""
+            todo = hint or "write the name of a frame, a variable, or {FRAME: {field: value}}"
             self._note(value.at, "this is no frame, and only a frame can be sent or delivered", todo)
 
     def _at_least_zero(self, expression: Expression, key: str) -> None:

@@ -8,22 +8,22 @@ from decimal import Decimal
 from typing import Any
 
 from framekit.definition.check.addresses import check_forms, check_parts, check_texts
-from framekit.definition.check.frames import FrameEnds, check_frame
+from framekit.definition.check.frames import FrameEnds, check_frame, check_partly_read
 from framekit.definition.check.names import NameChecker
 from framekit.definition.check.procedure import check_procedure
-from framekit.definition.check.services import check_services
+from framekit.definition.check.services import check_constructors_of, check_services
 from framekit.definition.check.typed import check_kinds
 from framekit.definition.expression import Bytes, Expression, List, Name, Number, Real, Text, is_constant
 from framekit.definition.kinds.base import constant_number
 from framekit.definition.model.frames import Frame, bytes_of, parts_of
 from framekit.definition.model.procedure import Row, Sequence
-from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.protocol import Protocol, Rest
 from framekit.definition.model.sections import Parameter, Queue, StateVariable
 from framekit.definition.model.segments import Check, Const, Data, Field, Segment
 from framekit.definition.model.services import BlockWork, CommandRules, PlaceOf
 from framekit.definition.problems import NOWHERE, Position, Problem, did_you_mean, plural
 from framekit.definition.start_values import StartValues
-from framekit.definition.times import MOST_SPEED, format_time
+from framekit.definition.times import MOST_SPEED, format_time, is_format
 from framekit.definition.wire_types import bounds_of_bits
 
 MOST_VARIABLES = 4
@@ -319,7 +319,12 @@ def _marks(protocol: Protocol) -> Iterator[Problem]:
         elif other := [text for text in formats if not text.startswith("9")]:
             what = f"'{frame.name}' marks a byte, and characters of {other[0]} have no ninth bit"
             yield Problem(frame.at, what, "write line: {format: 9N1}, or leave mark out")
-    if line.has_marks and all(frame.mark in (None, "none") for frame in marked) and protocol.frames:
+    if (
+        line.has_marks
+        and is_format(line.format)
+        and all(frame.mark in (None, "none") for frame in marked)
+        and protocol.frames
+    ):
         what = f"the line has characters of nine bits ({line.format}), and no frame marks a byte"
         yield Problem(line.at, what, "write mark: first in a frame, or format: 8S1")
     if line.has_marks and protocol.receiver.delimiter is not None:
@@ -368,26 +373,35 @@ def _line(protocol: Protocol) -> Iterator[Problem]:
 
 
 def check_protocol(
-    protocol: Protocol, broken: frozenset[str] = frozenset(), words_of_forms: frozenset[str] = frozenset()
+    protocol: Protocol,
+    broken: frozenset[str] = frozenset(),
+    words_of_forms: frozenset[str] = frozenset(),
+    rest: Rest | None = None,
 ) -> list[Problem]:
     """Return all problems of a loaded protocol, including warnings.
 
     `broken`: names of parts that could not be loaded; their problems have been reported, and references to them are not
-    reported again. `words_of_forms`: the same for names that broken forms of addresses may define.
+    reported again. `words_of_forms`: the same for names that broken forms of addresses may define. `rest`: the good
+    segments and keys of broken parts.
     """
     is_whole = not broken
+    rest = Rest() if rest is None else rest
+    parts_broken = broken
     broken |= words_of_forms
-    problems = NameChecker(protocol, broken).check()
+    problems = NameChecker(protocol, broken).check(rest)
+    for partly_read in rest.frames:
+        problems += check_partly_read(partly_read)
     ends = FrameEnds(protocol)
     for frame in protocol.frames.values():
         problems += check_frame(protocol, frame, ends)
     problems += check_sections(protocol, is_whole)
     problems += check_profile(protocol)
     problems += check_procedure(protocol, broken)
-    problems += check_services(protocol, broken)
+    problems += [*check_services(protocol, broken), *check_constructors_of(rest, protocol)]
     problems += check_commands(protocol, broken)
+    problems += check_forms(protocol.addresses, protocol.areas, protocol.tables, parts_broken)
     if is_whole:
-        problems += [*_groups(protocol), *check_forms(protocol.addresses, protocol.areas, protocol.tables)]
+        problems += _groups(protocol)
     reported = {problem.at for problem in problems}
     is_right = is_whole and all(problem.warning for problem in problems)
     more = [*check_kinds(protocol), *((*check_parts(protocol), *check_texts(protocol)) if is_right else ())]

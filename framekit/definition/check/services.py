@@ -25,7 +25,7 @@ from framekit.definition.model.frames import (
     parts_of,
 )
 from framekit.definition.model.procedure import Step
-from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.protocol import Protocol, Rest
 from framekit.definition.model.segments import Field, Repeat
 from framekit.definition.model.services import (
     AS_NUMBERS,
@@ -105,6 +105,18 @@ def _constructors(protocol: Protocol, broken: Collection[str]) -> Iterator[Probl
     for read in parts_of(holders, ReadAs):
         if read.layout not in protocol.layouts and read.layout not in broken:
             yield Problem(read.at, f"there is no layout '{read.layout}'", did_you_mean(read.layout, protocol.layouts))
+
+
+def check_constructors_of(rest: Rest, protocol: Protocol) -> Iterator[Problem]:
+    """Yield unknown fields in constructors of frames with errors, and in rows with errors."""
+    known = {name: field_names(frame.segments) for name, frame in protocol.frames.items()}
+    partly = {frame.name: field_names(frame.segments) | frame.lost for frame in rest.frames if frame.lost is not None}
+    rows = [row for row, _ in rest.rows]
+    for holders, fields in ((rows, known | partly), ([protocol.sequences, protocol.services, protocol.errors], partly)):
+        asked = {id(step.ask) for step in parts_of(holders, Step) if step.ask is not None}
+        for made in parts_of(holders, FrameOf):
+            if made.frame in fields and id(made) not in asked:
+                yield from _fields(made, "frame", made.frame, fields[made.frame])
 
 
 def _never_built(protocol: Protocol) -> set[int]:

@@ -44,8 +44,8 @@ Covered = str | Edges | Added
 
 
 def _covers(reading: KeyReading) -> tuple[Covered, ...] | None:
-    node = reading.keys.get("over")
-    return None if node is None else tuple(_covered(reading, item) for item in reading.reader.items(node))
+    reader, node = reading.reader, reading.keys.get("over")
+    return None if node is None else reader.each(reader.items(node), lambda item: _covered(reading, item))
 
 
 def _covered(reading: KeyReading, node: Node) -> Covered:

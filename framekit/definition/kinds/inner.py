@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
+from itertools import chain
 from typing import ClassVar
 
 from framekit.definition.keys import IDENTIFIER, Form, KeyReading, ValueKind, key, ref
@@ -15,8 +17,8 @@ from framekit.definition.wire_types import ANY, EVERY_BYTE, SIZE, Size, Sizes, e
 
 def _frames(reading: KeyReading, node: Node) -> tuple[str, ...]:
     loader = reading.loader
-    found = (name for item in reading.reader.items(node) for name in loader.find_frames(loader.space, item))
-    return tuple(dict.fromkeys(found))
+    found = reading.reader.each(reading.reader.items(node), partial(loader.find_frames, loader.space))
+    return tuple(dict.fromkeys(chain(*found)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

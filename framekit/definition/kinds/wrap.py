@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import chain
 from typing import ClassVar, Self
 
 from framekit.definition.codings import CODING, Coding, Doubled, Hex, Plain
@@ -18,7 +20,7 @@ from framekit.definition.wire_types import SIZE, Size, Sizes, exactly
 
 def _inside(reading: KeyReading, node: Node) -> tuple[str, ...]:
     loader = reading.loader
-    return tuple(name for item in reading.reader.items(node) for name in loader.find_frames(loader.space, item))
+    return tuple(chain(*reading.reader.each(reading.reader.items(node), partial(loader.find_frames, loader.space))))
 
 
 def _most(reading: KeyReading, node: Node) -> Size | None:

@@ -6,8 +6,9 @@ kinds of segments and their readers are in `definition/kinds`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 from framekit.definition.expression import Expression, Number, names_in
@@ -21,6 +22,7 @@ from framekit.definition.model.frames import (
     Frame,
     Group,
     Mark,
+    PartlyRead,
     Side,
     change_all,
     field_names,
@@ -30,7 +32,7 @@ from framekit.definition.model.frames import (
 )
 from framekit.definition.model.segments import Require, Skip
 from framekit.definition.problems import Position, did_you_mean, plural
-from framekit.definition.tree import Entry, Mapping, Node, Scalar, Sequence
+from framekit.definition.tree import Entry, Mapping, Node, Scalar, Sequence, words_in
 
 MOST_SEGMENTS = 4000
 """Largest number of segments of one frame, including its includes."""
@@ -44,7 +46,9 @@ class SegmentLoader:
     `space` gives the meaning of the names of types, tables and checks; `frames` finds the frames that `inner` and
     `inside` name. `level`: depth of a layout that contains itself. `side`: sender of the frame. `aliases`: named
     includes, each with the names of its segments. `spoilt`: whether broken segments were left out. `begun`: the layout
-    read by itself. `known`: the names that expressions may read in addition to values.
+    read by itself. `known`: the names that expressions may read in addition to values. `lost`: the words of the
+    segments that were left out, which may be names; None if they may have any name. `holders`: the places of segments
+    inside which others were left out.
     """
 
     def __init__(self, space: Meanings, frames: FrameLoader, level: int = 1) -> None:
@@ -59,18 +63,34 @@ class SegmentLoader:
         self.begun: Sequence | None = None
         self.unnamed = 0
         self.spoilt = False
+        self.lost: frozenset[str] | None = frozenset()
+        self.holders: set[Position] = set()
         self.known = _names_everywhere(space)
 
     def load(self, node: Node | None) -> Segments:
         """Return the segments of a list; broken ones are noted and left out."""
         found: list[Segment] = []
+        is_spoilt = self.spoilt
         for item in self.reader.items(node):
+            self.spoilt = False
             try:
                 self._number(item)
                 found.extend(self._segment(self.reader.mapping(item)))
+                if self.spoilt:
+                    self.holders.add(item.at)
             except Broken:
                 self.spoilt = True
+                self._leave_out(item)
+            is_spoilt = is_spoilt or self.spoilt
+        self.spoilt = is_spoilt
         return in_order(tuple(found))[0]
+
+    def _leave_out(self, item: Node) -> None:
+        """Add the words of a broken segment to the lost names."""
+        if isinstance(item, Mapping) and "include" in item:
+            self.lost = None
+        elif self.lost is not None:
+            self.lost |= words_in(item)
 
     def _number(self, item: Node) -> None:
         """Count a segment; raise Broken at the limit, which nested includes may reach."""
@@ -270,6 +290,12 @@ class MissingSegments:
         """Add a missing name. `whose`: the part that lacks it, such as `frame 'A'`; `known`: its names."""
         self.found.setdefault((at, name), {})[whose] = {one for one in known if not one.startswith("_")}
 
+    def take_over(self, other: MissingSegments, apart: Collection[str]) -> None:
+        """Add the names of another list, apart from some."""
+        for (at, name), known in other.found.items():
+            if name not in apart:
+                self.found.setdefault((at, name), {}).update(known)
+
     def tell(self) -> None:
         """Note the names added since the last call, each place once."""
         for (at, name), known in self.found.items():
@@ -398,6 +424,7 @@ class FrameLoader:
         self.outlines: dict[str, Outline] = {}
         self.groups: dict[str, tuple[Namespace, Owned]] = {}
         self.frames: dict[str, Frame] = {}
+        self.partly: list[PartlyRead] = []
         self.missing = MissingSegments(self.reader)
         self.levels: dict[tuple[Position, int, int], str] = {}  # frames of layouts that contain themselves
         self._outline(space, inner_only=False)
@@ -426,8 +453,7 @@ class FrameLoader:
                 )
 
     def _chain(self, space: Namespace, node: Node | None, own: str = "") -> Iterator[str]:
-        """Yield the group that a node names, and the groups that it extends. Raises Broken for a circle of groups of a
-        frame.
+        """Yield the group that a node names, and the groups that it extends; note a circle of groups of a frame.
 
         `own`: the group that extends the first of them.
         """
@@ -440,7 +466,8 @@ class FrameLoader:
             if name in seen and own:
                 return
             if name in seen:
-                raise self.reader.broken(node.at, f"the group '{name}' extends itself", "break the circle")
+                self.reader.note(node.at, f"the group '{name}' extends itself", "break the circle")
+                return
             seen.add(name)
             yield name
             value = groups[name].entry.value
@@ -569,40 +596,68 @@ class FrameLoader:
         own = reader.mapping(outline.owned.entry.value)
         keys = self._inherited(space, outline.groups)
         keys |= _inherited_keys(own)
-        if not self._keys_known(outline, own):
-            raise Broken(outline.name)
         loader = SegmentLoader(space, self)
         loader.side = self._side(keys.get("from"))
-        head, body, tail = loader.load(keys.get("head")), loader.load(own.get("body")), loader.load(keys.get("tail"))
-        if loader.spoilt or outline.lacks_group:
+        parts = loader.load(keys.get("head")), loader.load(own.get("body")), loader.load(keys.get("tail"))
+        attributes: dict[str, Any] | None = None
+        wheres: dict[str, Where] | None = None
+        with reader.going_on():
+            attributes = self._attributes(space, keys, own)
+        with reader.going_on():
+            wheres = self._where(outline, own)
+        is_sure = self._keys_known(outline, own) and not outline.lacks_group
+        if loader.spoilt or not is_sure or attributes is None or wheres is None:
+            self.partly.append(self._partly_read(outline, loader, parts, wheres or {}, is_sure=is_sure))
             raise Broken(outline.name)
-        parts = apply_where(reader, (head, body, tail), self._where(outline, own), outline.owned.entry.key)
+        parts = apply_where(reader, parts, wheres, outline.owned.entry.key)
         whose = f"frame '{outline.name}'"
         parts = resolve_references(parts, loader.aliases, whose, self.missing)
         known = loader.known | field_names(part for segments in parts for part in segments)
         head, body, tail = in_order(*(with_item_words(part, known) for part in parts))
-        fill = keys.get("fill")
         return Frame(
             name=outline.name,
             at=outline.owned.entry.key.at,
             groups=outline.groups,
-            side=self._side(keys.get("from")),
             head=head,
             body=body,
             tail=tail,
             inner=outline.inner,
-            echo=self._echo(keys.get("echo")),
-            announces=tuple(self._announced(reader.entries(keys.get("announces")))),
-            delimited=reader.flag(keys.get("delimited")),
-            surplus=reader.maybe(reader.number, keys.get("surplus")),
-            size=reader.maybe(reader.bytes_at_most, keys.get("size")),
-            fill=0 if fill is None else reader.byte(fill),
-            most=reader.maybe(reader.bytes_at_most, keys.get("max")),
-            inside=tuple(name for node in reader.items(keys.get("inside")) for name in self.find(space, node)),
-            refuse=reader.maybe(reader.number, own.get("refuse")),
-            mark=None if (mark := keys.get("mark")) is None else MARKS.get(reader.text(mark)),
-            doc=reader.maybe(reader.text, keys.get("doc")) or "",
+            **attributes,
         )
+
+    def _attributes(self, space: Namespace, keys: dict[str, Node], own: Mapping) -> dict[str, Any]:
+        """Return what the keys of a frame give apart from its segments. Raises Broken."""
+        reader, fill, mark = self.reader, keys.get("fill"), keys.get("mark")
+        return {
+            "side": self._side(keys.get("from")),
+            "echo": self._echo(keys.get("echo")),
+            "announces": tuple(self._announced(reader.entries(keys.get("announces")))),
+            "delimited": reader.flag(keys.get("delimited")),
+            "surplus": reader.maybe(reader.number, keys.get("surplus")),
+            "size": reader.maybe(reader.bytes_at_most, keys.get("size")),
+            "fill": 0 if fill is None else reader.byte(fill),
+            "most": reader.maybe(reader.bytes_at_most, keys.get("max")),
+            "inside": tuple(chain(*reader.each(reader.items(keys.get("inside")), lambda node: self.find(space, node)))),
+            "refuse": reader.maybe(reader.number, own.get("refuse")),
+            "mark": None if mark is None else MARKS.get(reader.text(mark)),
+            "doc": reader.maybe(reader.text, keys.get("doc")) or "",
+        }
+
+    def _partly_read(
+        self, outline: Outline, loader: SegmentLoader, parts: Parts, wheres: dict[str, Where], *, is_sure: bool
+    ) -> PartlyRead:
+        """Return the good segments of a frame with errors. Note references to missing segments, apart from names that
+        its broken segments may have. `is_sure`: no other segments are missing.
+        """
+        lost, missing = loader.lost if is_sure else None, MissingSegments(Reader())
+        if lost is not None:
+            own = {name: where for name, where in wheres.items() if name not in lost}
+            parts = apply_where(self.reader, parts, own, outline.owned.entry.key)
+        segments = tuple(chain(*resolve_references(parts, loader.aliases, f"frame '{outline.name}'", missing)))
+        if lost is not None:
+            self.missing.take_over(missing, lost)
+        segments = with_item_words(segments, loader.known | field_names(segments))
+        return PartlyRead(name=outline.name, segments=segments, lost=lost, holders=frozenset(loader.holders))
 
     def _keys_known(self, outline: Outline, own: Mapping) -> bool:
         """Return whether all keys of a frame and its groups are known; otherwise a missing key may be misspelt."""
@@ -624,7 +679,7 @@ class FrameLoader:
 
     def _echo(self, node: Node | None) -> dict[str, Expression]:
         if isinstance(node, Mapping):
-            return {entry.key.text: self.reader.expression(entry.value) for entry in node.read_all()}
+            return self.reader.by_name(node.read_all(), self.reader.expression)
         return {self.reader.text(item): self.reader.expression(item) for item in self.reader.items(node)}
 
 

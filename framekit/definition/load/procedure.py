@@ -30,7 +30,7 @@ class ValueLoader:
         if isinstance(node, Mapping):
             return self._mapping(node)
         if isinstance(node, Items):
-            return ListOf(tuple(self.value(item) for item in node.items), node.at)
+            return ListOf(self.reader.each(node.items, self.value), node.at)
         return self.reader.expression(node)
 
     def sent(self, node: Node | None) -> Value:
@@ -40,11 +40,11 @@ class ValueLoader:
         return self.value(node)
 
     def fields(self, node: Node | None) -> dict[str, Value]:
-        return {entry.key.text: self.value(entry.value) for entry in self.reader.entries(node)}
+        return self.reader.by_name(self.reader.entries(node), self.value)
 
     def filled(self, node: Node | None) -> dict[str, Value]:
         """Return the values for the fields of a constructor: values, or plain numbers with a fraction."""
-        return {entry.key.text: self._given(entry.value) for entry in self.reader.entries(node)}
+        return self.reader.by_name(self.reader.entries(node), self._given)
 
     def _given(self, node: Node) -> Value:
         real = real_number(node.text, node.at) if isinstance(node, Scalar) and not node.quoted else None
@@ -104,7 +104,8 @@ class ValueLoader:
 
     def settings(self, node: Node | None) -> tuple[tuple[Target, Value], ...]:
         """Return the targets and values of `set: {target: value}` in the order written."""
-        return tuple((self.target(entry.key), self.value(entry.value)) for entry in self.reader.entries(node))
+        entries = self.reader.entries(node)
+        return self.reader.each(entries, lambda entry: (self.target(entry.key), self.value(entry.value)))
 
     def target(self, key: Scalar) -> Target:
         name, index, field = self.reader.target(key)
@@ -113,7 +114,7 @@ class ValueLoader:
     def expressions(self, node: Node | None, besides: str = "") -> dict[str, Expression]:
         """Return the expressions of a mapping by name, without the key `besides`."""
         entries = (entry for entry in self.reader.entries(node) if entry.key.text != besides)
-        return {entry.key.text: self.reader.expression(entry.value) for entry in entries}
+        return self.reader.by_name(entries, self.reader.expression)
 
 
 T = TypeVar("T")
@@ -157,7 +158,7 @@ class ProcedureLoader:
 
     def actions(self, node: Node) -> tuple[Action, ...]:
         """Read an action or a list of them."""
-        return tuple(self.action(item) for item in self.reader.items(node))
+        return self.reader.each(self.reader.items(node), self.action)
 
     def sent(self, node: Node) -> Value:
         """Read the value of `send` or `deliver`; `reply` is the reply of the served request, even if a frame has this
@@ -168,10 +169,10 @@ class ProcedureLoader:
 
     def stores(self, node: Node) -> tuple[tuple[Expression, str], ...]:
         reader = self.reader
-        return tuple((reader.expression(entry.key), reader.text(entry.value)) for entry in reader.entries(node))
+        return reader.each(reader.entries(node), lambda entry: (reader.expression(entry.key), reader.text(entry.value)))
 
     def puts(self, node: Node) -> tuple[tuple[str, dict[str, Value]], ...]:
-        return tuple((entry.key.text, self.values.fields(entry.value)) for entry in self.reader.entries(node))
+        return tuple(self.reader.by_name(self.reader.entries(node), self.values.fields).items())
 
     def arrivals(self, keys: Mapping) -> tuple[str, ...]:
         """Return the frames named by `frame` of a row."""

@@ -16,7 +16,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
 from framekit.definition.check.protocol import check_protocol
-from framekit.definition.keys import read_part
+from framekit.definition.keys import read_keys, read_part
 from framekit.definition.kinds.data import LayoutName
 from framekit.definition.load.documents import Documents, SourceText, joined, merged, scalar_of
 from framekit.definition.load.frames import FrameLoader, SegmentLoader, resolve_references
@@ -24,10 +24,10 @@ from framekit.definition.load.namespace import Namespace, Owned, used_entries
 from framekit.definition.load.procedure import ProcedureLoader, ValueLoader
 from framekit.definition.load.reader import Broken, Reader
 from framekit.definition.load.resolve import NumberNames, Stations, with_item_words
-from framekit.definition.load.services import ServiceLoader, load_address_forms, words_of_form
+from framekit.definition.load.services import ServiceLoader, load_address_forms
 from framekit.definition.model.frames import Frame, Layout, attributes_in, names_read, parts_of
 from framekit.definition.model.procedure import Role, Sequence, Session
-from framekit.definition.model.protocol import Protocol
+from framekit.definition.model.protocol import Protocol, Rest
 from framekit.definition.model.sections import Line, Parameter, Probe, Queue, Receiver, StateVariable, StationType
 from framekit.definition.model.services import AddressForm, AreaModel, CommandRules, Errors, Refusal, ServiceRow
 from framekit.definition.model.values import FrameOf, LayoutOf, ReadAs, Table
@@ -35,6 +35,7 @@ from framekit.definition.nodes import Entry, Node, Scalar
 from framekit.definition.nodes import Mapping as MappingNode
 from framekit.definition.problems import DefinitionError, Position, Problem, did_you_mean
 from framekit.definition.sources import Sources, current_cache, definition_file, known_definitions, sources_of
+from framekit.definition.tree import words_in
 
 T = TypeVar("T")
 
@@ -52,6 +53,8 @@ class ProtocolLoader:
         self.procedure = ProcedureLoader(self.values)
         self.broken_layouts: set[str] = set()
         self.words_of_forms: set[str] = set()
+        self.rest = Rest()
+        """What could be read of parts with errors, after `load`."""
 
     def load(self) -> Protocol:
         """Return the protocol as far as it could be read."""
@@ -73,6 +76,7 @@ class ProtocolLoader:
         parameters, state, tables = self._variables([*parts, layouts, line, receiver], frames)
         sequences = self._compared(sequences, frames, rows, parameters, forms)
         resolve = NumberNames(self.reader, frames, state)
+        self.rest = Rest(tuple(self.frames.partly), tuple(services.partly))
         return Protocol(
             **self._head(),
             line=line,
@@ -150,6 +154,10 @@ class ProtocolLoader:
             missing |= self.space.section(section).keys() - getattr(loaded, section).keys()
         return frozenset(missing | (self._elsewhere("areas").section("areas").keys() - loaded.areas.keys()))
 
+    def check(self, loaded: Protocol) -> list[Problem]:
+        """Return the problems of the loaded protocol, without consequences of parts that could not be read."""
+        return check_protocol(loaded, self.broken(loaded), frozenset(self.words_of_forms), self.rest)
+
     # ---- parts --------------------------------------------------------------------------------------------
 
     def _name(self) -> str:
@@ -184,8 +192,11 @@ class ProtocolLoader:
     def _section(self, part: type[T], key: str) -> T:
         """Return a section that is a single mapping; its defaults if it is missing or broken."""
         node = self._own(key)
+        if node is None:
+            return part()
+        known = {"at": node.at} if "at" in part.__dataclass_fields__ else {}  # type: ignore[attr-defined]
         with self.reader.going_on():
-            return part() if node is None else read_part(part, self, node)
+            return part(**read_keys(part, self, self.reader.mapping(node), lambda: None, **known))
         return part()
 
     def _named(self, part: type[T], entry: Entry, **known: Any) -> T:
@@ -222,7 +233,7 @@ class ProtocolLoader:
         good = {form.at for form in forms}
         for item in self.reader.items(node):
             if item.at not in good:
-                self.words_of_forms |= {"addresses", *words_of_form(item)}
+                self.words_of_forms |= {"addresses", *words_in(item)}
         return areas, forms
 
     def _errors(self, services: ServiceLoader) -> Errors | None:
@@ -390,7 +401,7 @@ def _load(path: Path) -> Loaded:
     with suppress(Broken):
         loader = ProtocolLoader(reader, documents, documents.source(path))
         protocol = loader.load()
-        reader.problems.extend(check_protocol(protocol, loader.broken(protocol), frozenset(loader.words_of_forms)))
+        reader.problems.extend(loader.check(protocol))
     problems = documents.first_words(reader.problems, path)
     if protocol is None or any(not problem.warning for problem in problems):
         raise DefinitionError(problems)
@@ -449,8 +460,6 @@ class DeviceDefinition:
     root: MappingNode
     """The nodes of the file, with `memory`, `station` and `params` not interpreted yet."""
     path: Path
-    broken: frozenset[str]
-    """Names of its parts that could not be read."""
     plain: bool = False
     """Whether the device has no rules of its own and shares the checked protocol with everything else that loads it."""
 
@@ -466,13 +475,13 @@ def load_device_definition(reader: Reader, documents: Documents, name: str | Pat
     own = MappingNode(tuple(_own(entry) for entry in root.entries if entry.key.text in OWN_SECTIONS), root.at)
     plain = None if any(_says(entry) for entry in own.entries) else _protocol(found)
     if plain is not None:
-        return DeviceDefinition(reader.text(root.get("device")), plain, root, path, frozenset(), plain=True)
+        return DeviceDefinition(reader.text(root.get("device")), plain, root, path, plain=True)
     base = documents.source(found)
     whole = SourceText(merged(base.root, own), path, base.names, (str(path), *base.files), base.uses, base.application)
     loader = ProtocolLoader(reader, documents, whole)
-    protocol = loader.load()
-    title = reader.text(root.get("device"))
-    return DeviceDefinition(title, replace(protocol, at=root.at), root, path, loader.broken(protocol))
+    protocol = replace(loader.load(), at=root.at)
+    reader.problems.extend(loader.check(protocol))
+    return DeviceDefinition(reader.text(root.get("device")), protocol, root, path)
 
 
 def _own(entry: Entry) -> Entry:

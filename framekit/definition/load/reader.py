@@ -7,7 +7,7 @@ leaves that part out and continues with the next, so that all problems of a file
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from collections.abc import Mapping as Mapping_
 from contextlib import contextmanager, suppress
 from typing import TypeVar
@@ -20,6 +20,7 @@ from framekit.definition.times import UNITS, parse_time
 from framekit.definition.tree import Entry, Mapping, Node, Scalar, Sequence
 
 T = TypeVar("T")
+P = TypeVar("P")
 MOST_BYTES = 1_048_576
 """Maximum number of bytes of a frame, and of items of its lists."""
 MOST_ELEMENTS = 16_777_216
@@ -175,6 +176,23 @@ class Reader:
         return None
 
     # ---- collections --------------------------------------------------------------------------------------
+
+    def each(self, parts: Iterable[P], read: Callable[[P], T]) -> tuple[T, ...]:
+        """Return the results of reading all parts; raise Broken after the last part if one is broken."""
+        found: list[T] = []
+        broken: Broken | None = None
+        for part in parts:
+            try:
+                found.append(read(part))
+            except Broken as error:
+                broken = broken or error
+        if broken is not None:
+            raise broken
+        return tuple(found)
+
+    def by_name(self, entries: Iterable[Entry], read: Callable[[Node], T]) -> dict[str, T]:
+        """Return the values of entries by their keys; raise Broken after the last entry if one is broken."""
+        return dict(self.each(entries, lambda entry: (entry.key.text, read(entry.value))))
 
     def mapping(self, node: Node | None) -> Mapping:
         if not isinstance(node, Mapping):

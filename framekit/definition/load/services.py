@@ -7,7 +7,7 @@ from collections.abc import Collection
 from itertools import pairwise
 
 from framekit.definition.expression import Expression
-from framekit.definition.keys import read_part
+from framekit.definition.keys import read_keys, read_part
 from framekit.definition.load.procedure import ValueLoader
 from framekit.definition.load.reader import Reader
 from framekit.definition.model.services import (
@@ -26,6 +26,7 @@ from framekit.definition.model.services import (
 )
 from framekit.definition.nodes import Entry, Mapping, Node, Scalar
 from framekit.definition.problems import Position, did_you_mean
+from framekit.definition.tree import words_in
 
 UNIT_WORDS = (*UNIT_BITS, "own")
 
@@ -37,14 +38,28 @@ class ServiceLoader:
         self.values = values
         self.space = values.space
         self.reader: Reader = values.reader
+        self.spoilt = False
+        self.partly: list[tuple[ServiceRow, frozenset[str]]] = []
+        """Rows with errors without their broken keys, each with the words that may be names of its own."""
 
     def rows(self, entry: Entry) -> tuple[ServiceRow, ...]:
-        """Return the rows of one service, in order; broken rows are noted and left out."""
+        """Return the rows of one service, in order. Broken rows are noted and left out; their good keys go to `partly`."""
         found, service = [], entry.key.text
         for number, item in enumerate(self.reader.items(entry.value), start=1):
             with self.reader.going_on():
-                found.append(read_part(ServiceRow, self, item, service=service, name=f"{service} {number}"))
+                keys = self.reader.mapping(item)
+                known = {"at": keys.at, "service": service, "name": f"{service} {number}"}
+                self.spoilt = False
+                row = ServiceRow(**read_keys(ServiceRow, self, keys, self._spoil, **known))
+                if not self.spoilt:
+                    found.append(row)
+                else:
+                    given = (words_in(one.value) for one in keys.entries if one.key.text not in ("request", "when"))
+                    self.partly.append((row, frozenset().union(*given)))
         return tuple(found)
+
+    def _spoil(self) -> None:
+        self.spoilt = True
 
     def place(self, node: Node) -> PlaceOf:
         """Read a place: areas, units and the name of an item are bare words; everything else is a value."""
@@ -104,13 +119,6 @@ def load_address_forms(
     return tuple(found)
 
 
-def words_of_form(form: Node) -> set[str]:
-    """Return the names that a broken form may define for the services."""
-    entries = form.read_all() if isinstance(form, Mapping) else ()
-    texts = [text for entry in entries for text in (entry.key.text, getattr(entry.value, "text", ""))]
-    return set(re.findall(r"[A-Za-z_]\w*", " ".join(texts)))
-
-
 def _form(reader: Reader, keys: Mapping, areas: Collection[str], tables: Collection[str]) -> AddressForm:
     form = reader.scalar(keys.get("form"))
     area, unit = keys.get("area"), reader.maybe(reader.text, keys.get("unit"))
@@ -126,15 +134,13 @@ def _form(reader: Reader, keys: Mapping, areas: Collection[str], tables: Collect
         area=None if area is None else _area(reader, reader.scalar(area), areas),
         unit=unit,
         units_table=table,
-        results={
-            entry.key.text: reader.expression(entry.value) for entry in keys.read_all() if entry.key.text not in named
-        },
+        results=reader.by_name((entry for entry in keys.read_all() if entry.key.text not in named), reader.expression),
         wire=reader.flag(keys.get("wire")),
         at=keys.at,
         type=reader.maybe(reader.text, keys.get("type")),
         any_case=keys.get("case") is not None,
         counts=reader.maybe(reader.text, keys.get("counts")),
-        ranges={one.key.text: reader.range(one.value) for one in reader.entries(keys.get("range"))},
+        ranges=reader.by_name(reader.entries(keys.get("range")), reader.range),
     )
 
 

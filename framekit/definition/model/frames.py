@@ -277,6 +277,18 @@ class Frame:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class PartlyRead:
+    """The good segments of a frame with errors, which are checked, too."""
+
+    name: str
+    segments: Segments
+    lost: frozenset[str] | None
+    """The words of its broken segments, which may be names; None if its missing segments may have any name."""
+    holders: frozenset[Position]
+    """The places of segments inside which others could not be read."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
     """A named list of segments that can be built and read by itself, or included."""
 

@@ -32,8 +32,8 @@ from framekit.definition.keys import (
 from framekit.definition.model.values import FrameOf, Value
 from framekit.definition.problems import Position, did_you_mean
 from framekit.definition.times import parse_format
+from framekit.definition.tree import Entry, Node, Scalar
 from framekit.definition.tree import Mapping as Keys
-from framekit.definition.tree import Node, Scalar
 
 HANDLERS = {
     "on_timeout": "When a time limit has run out; default: fail.",
@@ -359,11 +359,11 @@ class Lane:
 
 
 def _lanes(reading: KeyReading, node: Node) -> tuple[Lane, ...]:
-    mapped = [(entry.key, reading.reader.mapping(entry.value)) for entry in reading.reader.entries(node)]
-    return tuple(
-        read_part(Lane, reading.loader, keys_, name=name.text, at=name.at, places=places_of(keys_))
-        for name, keys_ in mapped
-    )
+    def lane(entry: Entry) -> Lane:
+        keys_ = reading.reader.mapping(entry.value)
+        return read_part(Lane, reading.loader, keys_, name=entry.key.text, at=entry.key.at, places=places_of(keys_))
+
+    return reading.reader.each(reading.reader.entries(node), lane)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,13 +7,22 @@ from dataclasses import dataclass
 from typing import Literal
 
 from framekit.definition.model.checks import CheckMethod
-from framekit.definition.model.frames import Frame, Group, Layout, parts_of
+from framekit.definition.model.frames import Frame, Group, Layout, PartlyRead, parts_of
 from framekit.definition.model.procedure import Action, Lane, Role, Sequence, Session, Step
 from framekit.definition.model.sections import Line, Parameter, Probe, Queue, Receiver, StateVariable, StationType
 from framekit.definition.model.segments import Inner
 from framekit.definition.model.services import AddressForm, AreaModel, CommandRules, Errors, Refusal, ServiceRow
 from framekit.definition.model.values import Table
 from framekit.definition.problems import NOWHERE, Position, Problem
+
+
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """What could be read of the parts of a definition with errors."""
+
+    frames: tuple[PartlyRead, ...] = ()
+    rows: tuple[tuple[ServiceRow, frozenset[str]], ...] = ()
+    """Rows of services without their broken keys, each with the words that may be names of its own."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

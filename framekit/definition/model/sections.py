@@ -26,8 +26,8 @@ from framekit.definition.keys import (
     words,
 )
 from framekit.definition.kinds.base import VALUE_NAMES
-from framekit.definition.load.reader import FLAGS, Reader, inside, literal_bytes
-from framekit.definition.problems import NOWHERE, Position, parted
+from framekit.definition.load.reader import FLAGS, Broken, Reader, inside, literal_bytes
+from framekit.definition.problems import NOWHERE, Position, is_nearly, parted
 from framekit.definition.times import parse_format
 from framekit.definition.tree import Mapping as Keys
 from framekit.definition.tree import Node, Scalar, Sequence
@@ -217,7 +217,7 @@ class StationType:
 
 
 def _constants(reading: KeyReading, node: Node) -> dict[str, Constant]:
-    return {entry.key.text: reading.reader.cell(entry.value) for entry in reading.reader.entries(node)}
+    return reading.reader.by_name(reading.reader.entries(node), reading.reader.cell)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -380,15 +380,18 @@ class StateVariable:
         return next((number for number, name in (self.values or {}).items() if name == value), value)
 
 
+def _holds(reading: KeyReading) -> dict[str, str]:
+    given = reading.keys.keys()
+    if "holds" not in given and any(is_nearly("holds", word) for word in given):
+        raise Broken("the schema has reported a misspelt key")
+    return reading.reader.by_name(reading.reader.entries(reading.keys.get("holds")), reading.reader.text)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Queue:
     """A queue between lanes: fields of an item (name → type) and its capacity."""
 
     name: str
     at: Position
-    holds: Mapping[str, str] = keys(
-        {"holds": {}},
-        lambda r: {item.key.text: r.reader.text(item.value) for item in r.reader.entries(r.keys.get("holds"))},
-        factory=dict,
-    )
+    holds: Mapping[str, str] = keys({"holds": {}}, _holds, factory=dict)
     size: int = key("size", NUMBER, default=8)

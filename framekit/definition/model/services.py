@@ -119,8 +119,8 @@ def _session(reading: KeyReading, node: Node) -> Expression:
 def _calls(reading: KeyReading, node: Node) -> tuple[CommandCall, ...]:
     entries = [entry for item in reading.reader.items(node) for entry in reading.reader.entries(item)]
     values = reading.loader.values
-    return tuple(
-        CommandCall(service=one.key.text, arguments=values.fields(one.value), at=one.key.at) for one in entries
+    return reading.reader.each(
+        entries, lambda one: CommandCall(service=one.key.text, arguments=values.fields(one.value), at=one.key.at)
     )
 
 
@@ -209,7 +209,7 @@ def _text(reading: KeyReading, name: str) -> str | None:
 def _codes(reading: KeyReading, node: Node) -> dict[str, Constant]:
     """Return the codes on the wire by unit; a single code belongs to the unit of the area."""
     if isinstance(node, Keys):
-        return {entry.key.text: reading.reader.cell(entry.value) for entry in node.read_all()}
+        return reading.reader.by_name(node.read_all(), reading.reader.cell)
     return {_text(reading, "unit") or "": reading.reader.cell(node)}
 
 
@@ -241,7 +241,7 @@ def _columns(reading: KeyReading) -> dict[str, Constant]:
     """Return the other keys of an area."""
     own = {*properties_of(AreaModel), "about"}
     columns = [entry for entry in reading.keys.read_all() if entry.key.text not in own]
-    return {column.key.text: reading.reader.cell(column.value) for column in columns}
+    return reading.reader.by_name(columns, reading.reader.cell)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -458,11 +458,14 @@ def _same(reading: KeyReading) -> str | None:
 
 def _arguments(reading: KeyReading) -> tuple[Argument, ...]:
     entries = reading.reader.entries(reading.keys.get("takes"))
-    return tuple(read_part(Argument, reading.loader, one.value, name=one.key.text, at=one.key.at) for one in entries)
+    return reading.reader.each(
+        entries, lambda one: read_part(Argument, reading.loader, one.value, name=one.key.text, at=one.key.at)
+    )
 
 
 def _replies(reading: KeyReading, node: Node) -> tuple[ReplyRow, ...]:
-    return tuple(_reply(reading, reading.reader.mapping(item)) for item in reading.reader.items(node))
+    reader = reading.reader
+    return reader.each(reader.items(node), lambda item: _reply(reading, reader.mapping(item)))
 
 
 def _reply(reading: KeyReading, keys_: Keys) -> ReplyRow:
@@ -470,7 +473,7 @@ def _reply(reading: KeyReading, keys_: Keys) -> ReplyRow:
     reader, values = reading.reader, reading.loader.values
     frames = [entry for entry in keys_.read_all() if entry.key.text not in ("buffer", "when")]
     if len(frames) > 1:
-        raise reader.broken(keys_.at, "a reply row has one frame", "write a list with one row a frame")
+        raise reader.broken(frames[1].key.at, "a reply row has one frame", "write a list with one row a frame")
     return ReplyRow(
         frame=values.frame_of(Keys(tuple(frames), keys_.at)) if frames else None,
         buffer=reader.maybe(values.value, keys_.get("buffer")),

@@ -54,7 +54,7 @@ def look(path: Path) -> Answer:
     return {
         "what": checked.what,
         "kind": kind(path),
-        "problems": [_problem(one, path) for one in checked.problems],
+        "problems": [_problem(one._replace(at=at), path) for one in checked.problems for at in (one.at, *one.also)],
         "protocols": _drawn(path),
         "tables": tables(path),
     }
