@@ -43,7 +43,7 @@ class ServiceLoader:
         """Rows with errors without their broken keys, each with the words that may be names of its own."""
 
     def rows(self, entry: Entry) -> tuple[ServiceRow, ...]:
-        """Return the rows of one service, in order. Broken rows are noted and left out; their good keys go to `partly`."""
+        """Return the rows of one service. Broken rows are noted and left out; their good keys go to `partly`."""
         found, service = [], entry.key.text
         for number, item in enumerate(self.reader.items(entry.value), start=1):
             with self.reader.going_on():
