@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TextIO, TypeVar
 
 from framekit.cli.terminal import discard_unwritten, unguarded
-from framekit.definition.problems import error_text, printable
+from framekit.definition.problems import error_text, printable, separately, together
 
 if TYPE_CHECKING:
     import asyncio
@@ -129,20 +129,8 @@ def status_of(problems: Iterable[Problem]) -> int:
 
 
 def told_once(problems: Iterable[Problem]) -> list[str]:
-    """Return problems as they are printed; equal warnings about a file become one line with all places."""
-    lines: dict[tuple[object, ...], list[Problem]] = {}
-    for problem in problems:
-        same = (problem.at.file, problem.what, problem.todo) if problem.warning else (len(lines),)
-        lines.setdefault(same, []).append(problem)
-    return [told(first) + _others(others) for first, *others in lines.values()]
-
-
-def _others(others: list[Problem]) -> str:
-    """Return the other places of the same warning: ` (also in lines 16 and 17)`."""
-    *some, last = [str(one.at.line) for one in others] or [""]
-    if not last:
-        return ""
-    return f" (also in line {last})" if not some else f" (also in lines {', '.join(some)} and {last})"
+    """Return problems as they are printed; equal ones of a file become one line with all places."""
+    return [told(problem) for problem in together(problems)]
 
 
 def near(file: str) -> str:
@@ -208,7 +196,7 @@ def tell_problems(arguments: argparse.Namespace, problems: Sequence[Problem]) ->
     """Print problems of files as `tell_error` does; return the exit status."""
     wrong = [problem for problem in problems if not problem.warning]
     if getattr(arguments, "json", False):
-        shown = [problem_data(problem) for problem in problems]
+        shown = [problem_data(problem) for problem in separately(problems)]
         print_error_data({"error": "definition", "message": told((wrong or problems)[0]), "problems": shown})
     with contextlib.suppress(OSError):
         for problem in problems:

@@ -32,7 +32,7 @@ from framekit.cli.common import (
     table,
     told_once,
 )
-from framekit.definition.problems import no_such, plural
+from framekit.definition.problems import no_such, plural, separately
 
 if TYPE_CHECKING:
     from framekit.api.check import Checked
@@ -293,7 +293,7 @@ def _show_loads(checked: Checked, in_full: bool) -> None:
 
 
 def _file_as_json(checked: Checked) -> dict[str, Any]:
-    found = {"what": checked.what, "problems": [problem_data(one) for one in checked.problems]}
+    found = {"what": checked.what, "problems": [problem_data(one) for one in separately(checked.problems)]}
     if checked.loads:
         from framekit.cli.run_output import load_data
 

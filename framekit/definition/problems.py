@@ -6,7 +6,7 @@ Every complaint about a definition or a run file is a `Problem`; all of them are
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 
@@ -40,12 +40,17 @@ class Problem(NamedTuple):
     todo: str = ""
     warning: bool = False
     also: tuple[Position, ...] = ()
-    """Other places in the same file with the same fault; the text names them (`at_places`)."""
+    """Other places in the same file with the same fault."""
 
     def __str__(self) -> str:
         kind = "warning: " if self.warning else ""
         todo = f" – {_shortened(self.todo)}" if self.todo else ""
-        return printable(f"{self.at}: {kind}{_shortened(self.what)}{todo}")
+        return printable(f"{self.at}: {kind}{_shortened(self.what)}{_places(self.also)}{todo}")
+
+    @property
+    def places(self) -> tuple[Position, ...]:
+        """Return all places with this fault."""
+        return (self.at, *self.also)
 
 
 def _shortened(sentence: str) -> str:
@@ -54,27 +59,33 @@ def _shortened(sentence: str) -> str:
     return sentence if len(sentence) <= LONGEST_SENTENCE else f"{sentence[:half]} … {sentence[-half:]}"
 
 
-def at_places(problem: Problem, also: Iterable[Position]) -> Problem:
-    """Return the problem of one place as the problem of several places in the same file."""
-    places = tuple(also)
-    shown = [f"{place.line}:{place.column}" for place in places[:MOST_PLACES]]
-    if len(places) > MOST_PLACES:
-        shown.append(plural(len(places) - MOST_PLACES, "other place"))
-    what = f"{_shortened(problem.what)}, {len(places) + 1} times: also at {listed(shown)}"
-    return problem._replace(what=what, also=places)
+def _places(also: tuple[Position, ...]) -> str:
+    """Return the count of a fault and its other places."""
+    shown = [f"{place.line}:{place.column}" for place in also[:MOST_PLACES]]
+    if len(also) > MOST_PLACES:
+        shown.append(plural(len(also) - MOST_PLACES, "other place"))
+    return f", {len(also) + 1} times: also at {listed(shown)}" if also else ""
 
 
 def together(problems: Iterable[Problem]) -> list[Problem]:
     """Return the problems with more than `MOST_EQUAL` equal faults of a file as the problem of several places."""
     equal: dict[tuple[object, ...], list[Problem]] = {}
     for problem in problems:
-        kind = (problem.at.file, problem.what, problem.todo, problem.warning, problem.also)
+        kind = (problem.at.file, problem.what, problem.todo, problem.warning, bool(problem.also), problem.at.line > 0)
         equal.setdefault(kind, []).append(problem)
     found: list[Problem] = []
     for same in equal.values():
-        is_long = len(same) > MOST_EQUAL and same[0].at.line > 0
-        found += [at_places(same[0], (one.at for one in same[1:]))] if is_long else same
+        first, *others = same
+        is_long = len(others) >= MOST_EQUAL and first.at.line > 0
+        found += [first._replace(also=tuple(place for one in others for place in one.places))] if is_long else same
     return found
+
+
+def separately(problems: Iterable[Problem]) -> Iterator[Problem]:
+    """Yield each problem at each of its places, for programs; of many equal places the first ones."""
+    for problem in problems:
+        for place in problem.places[: MOST_PLACES + 1]:
+            yield problem._replace(at=place, also=())
 
 
 def most_important(problems: Iterable[Problem]) -> tuple[Problem, ...]:

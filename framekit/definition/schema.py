@@ -22,7 +22,6 @@ from framekit.definition.problems import (
     DefinitionError,
     Position,
     Problem,
-    at_places,
     did_you_mean,
     plural,
     printable,
@@ -226,7 +225,7 @@ class Messages:
                 yield from self._worded(error)
             return
         for complaint in self._worded(first):
-            yield replace(complaint, problem=at_places(complaint.problem, (at for at, _ in others)))
+            yield replace(complaint, problem=complaint.problem._replace(also=tuple(at for at, _ in others)))
 
     def _worded(self, error: Any) -> Iterator[_Complaint]:
         path: Path = tuple(error.absolute_path)

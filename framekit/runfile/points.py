@@ -112,7 +112,7 @@ def _table(path: Path) -> WrittenPoints:
     values = Mapping((Entry(Scalar("values", start), Mapping(tuple(entries), start)),), start)
     head = Mapping((Entry(Scalar("points", start), Scalar(path.stem, start)), *values.entries), start)
     problems = [*_doubles(entries), *validate(head, "points")]
-    return WrittenPoints(tuple(entries), problems, {at for problem in problems for at in (problem.at, *problem.also)})
+    return WrittenPoints(tuple(entries), problems, {at for problem in problems for at in problem.places})
 
 
 def _row(columns: Sequence[str], row: Sequence[str], file: str, line: int) -> Entry:

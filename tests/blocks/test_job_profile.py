@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from job_world import profile_with
 
-from framekit.definition.problems import DefinitionError
+from framekit.definition.problems import DefinitionError, separately
 from framekit.extras.commreq.job_profiles import load_job_profile
 from framekit.run.model import CodeClass
 
@@ -86,7 +86,7 @@ def test_everything_that_is_wrong_comes_at_once(tmp_path: Path) -> None:
     path.write_text(WRONG, encoding="utf-8")
     with pytest.raises(DefinitionError) as caught:
         load_job_profile(path)
-    found = [(problem.at.line, problem.what) for problem in caught.value.problems]
+    found = [(problem.at.line, problem.what) for problem in sorted(separately(caught.value.problems))]
     assert found == [
         (3, "0 is too small: 1 is the least"),
         (4, "a scan takes 1 ms or more"),

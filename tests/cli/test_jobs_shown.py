@@ -62,7 +62,7 @@ def test_a_warning_that_comes_again_is_one_line(capsys: pytest.CaptureFixture[st
     assert main(["check", str(chan4)]) == 0
     (line,) = capsys.readouterr().err.splitlines()
     assert "chan4.run.yaml:15:86: warning: the period is over before the time-out" in line
-    assert line.endswith(" (also in lines 16, 17 and 18)")
+    assert ", 4 times: also at 16:86, 17:86 and 18:86 – " in line
     assert main(["check", "--json", str(chan4)]) == 0
     (found,) = json.loads(capsys.readouterr().out)
     assert [problem["line"] for problem in found["problems"]] == [15, 16, 17, 18]

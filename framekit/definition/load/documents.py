@@ -97,7 +97,7 @@ class Documents:
             problems = validate(node, kind)
             self.reader.problems.extend(problems)
             self.schema_problems.update(problems)
-            self.refused.update(at for problem in problems for at in (problem.at, *problem.also))
+            self.refused.update(at for problem in problems for at in problem.places)
             self.cut.update((problem.at.file, problem.at.line) for problem in problems if is_cut(problem))
             if not isinstance(node, Mapping):
                 raise Broken(str(path))

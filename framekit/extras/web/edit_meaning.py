@@ -23,7 +23,7 @@ from framekit.codec.samples import Sampler
 from framekit.definition.load.protocol import load_protocol
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.nodes import read_nodes
-from framekit.definition.problems import DefinitionError, Problem
+from framekit.definition.problems import DefinitionError, Problem, separately
 from framekit.definition.schema import kind_of
 from framekit.extras.documents.diagrams import sequence_states
 from framekit.extras.documents.document import drawn_frames
@@ -54,7 +54,7 @@ def look(path: Path) -> Answer:
     return {
         "what": checked.what,
         "kind": kind(path),
-        "problems": [_problem(one._replace(at=at), path) for one in checked.problems for at in (one.at, *one.also)],
+        "problems": [_problem(one, path) for one in separately(checked.problems)],
         "protocols": _drawn(path),
         "tables": tables(path),
     }
