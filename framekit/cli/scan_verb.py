@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from framekit.cli.common import (
     ProgressLine,
@@ -97,9 +97,15 @@ def _progress(scan: Scan, found: list[FoundDevice]) -> str:
 
 
 def _row(device: FoundDevice) -> tuple[str, ...]:
-    station = "-" if device.station is None else str(plain(device.station))
+    station = "-" if device.station is None else _station_text(device.station)
     answer = f"{device.answer}: {device.detail}" if device.detail else device.answer
     return device.port, device.line or "-", station, answer, f"{device.seconds * 1000:.0f} ms"
+
+
+def _station_text(station: Any) -> str:
+    """Return a station as `--stations` takes it: a padded text without its padding."""
+    text = station.rstrip(b"\0") if isinstance(station, bytes) else b""
+    return text.decode("ascii") if text.isalnum() else str(plain(station))
 
 
 def _parts(text: str | None) -> list[str]:

@@ -382,3 +382,10 @@ def test_an_echo_is_reported_without_advice_about_the_station(capsys: pytest.Cap
     assert main(["read", "modbus-rtu", *line, "40001"]) == 3
     errors = capsys.readouterr().err
     assert errors == "framekit read: the device did not answer: you hear your own request: set `echo: yes`\n"
+
+
+def test_a_scan_shows_stations_as_its_option_takes_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "far.device.yaml").write_text("device: far\nprotocol: snp-x\nstation: 'AB'\n", "utf-8")
+    words = ("scan", f"sim:{tmp_path / 'far.device.yaml'}", "snp-x", "--stations", "AB")
+    assert main([*words]) == 0
+    assert capsys.readouterr().out.splitlines()[1].split()[:4] == ["19200", "8O1", "AB", "answers"]

@@ -59,6 +59,7 @@ def test_values_move_and_frames_are_filtered_and_paused(tmp_path: Path) -> None:
         assert {row[6] for row in page.rows("frames")} <= {"read_holding", "read_holding_reply"}
         page.type("#frame-filter", "frame:no_such_frame")
         page.until(lambda: page.rows("frames") == [])
+        page.until(lambda: page.text("#frames .grid .empty") == "No frame fits the filter")
         page.type("#frame-filter", "ch:1 frame:holding_reply")
         page.until(lambda: page.rows("frames"))
         assert {row[6] for row in page.rows("frames")} == {"read_holding_reply"}
@@ -93,6 +94,7 @@ def test_points_are_filtered_grouped_and_drawn(tmp_path: Path) -> None:
             "const one = document.querySelector('#group'); one.value = '!'; one.dispatchEvent(new Event('change'))"
         )
         page.until(lambda: page.rows("points") == [])
+        page.until(lambda: page.text("#points .empty") == "All are good")
         page.run("const one = document.querySelector('#group'); one.value = ''; one.dispatchEvent(new Event('change'))")
         page.until(lambda: len(page.rows("points")) == 3)
         legend = "[...document.querySelectorAll('.u-legend .u-label')].map(one => one.textContent)"

@@ -16,7 +16,8 @@ export class Frames {
       { title: "Size", look: "right muted" }, { title: "Frame", look: "strong mark", widest: 24 }, { title: "Fields", look: "muted" },
     ];
     const picked = key => this.live.say({ frame: Number(key) });
-    this.grid = new Grid(at("frames").querySelector(".grid"), columns, { picked, follows: true });
+    const empty = () => at("frame-filter").value || at("bad").checked ? "No frame fits the filter" : "No frames yet";
+    this.grid = new Grid(at("frames").querySelector(".grid"), columns, { picked, follows: true, empty });
     let waiting = 0;
     at("frame-filter").addEventListener("input", () => { clearTimeout(waiting); waiting = setTimeout(() => this.filter(), WAIT); });
     at("bad").addEventListener("change", () => this.filter());

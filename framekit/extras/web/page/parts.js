@@ -10,9 +10,10 @@ export class Grid {
   // button. `name`: the column can be hidden; `widest`: the most characters that widen it.
   // Rows: {key, state, cells, numbers, drawn, group}; a row with `group` is a head of the rows below it.
   // `picked(key)`: a row was chosen. `marked(key)`: the number of its colour, or -1. `button`: {text, shown, pressed}.
-  // `follows`: the table stays at its last row, until the user scrolls away from there.
-  constructor(place, columns, { picked = null, follows = undefined, marked = null, button = null } = {}) {
-    Object.assign(this, { place, columns, picked, follows, marked, button });
+  // `follows`: the table stays at its last row, until the user scrolls away from there. `empty()`: the words in place of
+  // rows.
+  constructor(place, columns, { picked = null, follows = undefined, marked = null, button = null, empty = null } = {}) {
+    Object.assign(this, { place, columns, picked, follows, marked, button, empty });
     this.rows = [];
     this.chosen = this.cursor = null;
     this.pool = [];
@@ -30,6 +31,7 @@ export class Grid {
     this.before.style.height = this.after.style.height = "0";
     this.before.style.padding = this.after.style.padding = "0";
     this.measure(this.texts.map(at => columns[at].title));
+    this.note = Object.assign(element("p", place), { className: "empty", hidden: true });
     place.tabIndex = 0;
     place.addEventListener("scroll", () => this.moved());
     place.addEventListener("keydown", event => this.key(event));
@@ -69,6 +71,8 @@ export class Grid {
     this.shown = this.rows.slice(first, last);
     while (this.pool.length < this.shown.length) this.pool.push(this.line());
     this.pool.forEach((line, at) => this.fill(line, this.shown[at]));
+    this.note.hidden = Boolean(this.rows.length || !this.empty);
+    if (!this.note.hidden) this.note.textContent = this.empty();
     if (this.follows) this.place.scrollTop = ROW * (this.rows.length + 1);
   }
 

@@ -20,7 +20,8 @@ export class Points {
         : [{ title: "Quality", look: "quality", widest: WIDEST_QUALITY }, { title: "Age", look: "right muted" }, past, write]),
     ];
     const button = { text: "Write", shown: row => row.writable, pressed: key => this.write(key) };
-    this.grid = new Grid(at("points").querySelector(".grid"), columns, { picked, marked, button });
+    const empty = () => at("point-filter").value || at("group").value !== "!" ? "No name fits the filter" : "All are good";
+    this.grid = new Grid(at("points").querySelector(".grid"), columns, { picked, marked, button, empty });
     at("point-filter").addEventListener("input", () => this.arrange());
     at("group").addEventListener("change", () => this.arrange());
     onTheme(() => { for (const point of this.list) point.drawn = false; changed(this.grid); });

@@ -157,7 +157,7 @@ export class Trend {
   spoken(key, number) {
     const { words, codes, text } = this.points.list[key], decimals = /^-?\d+\.(\d{1,6})$/.exec(text ?? "");
     if (words.length) return words[codes.indexOf(number)] ?? number;
-    return decimals ? value(number.toFixed(decimals[1].length), number) : +number.toPrecision(6);
+    return value(decimals ? number.toFixed(decimals[1].length) : String(+number.toPrecision(6)), number);
   }
 
   time(seconds) {
