@@ -208,7 +208,6 @@ def test_change_snp_id_of_the_own_slave(tmp_path: Path) -> None:
         ([7219], 0x020C),
         ([6101, 5, 1, 1, 1, 1], 0x020C),
         ([7003, 70, 1], 0x020C),
-        ([0xFFF0, 1, 1, 6, 1, 1, 0, 0, 1, 0, 0, 1, 0x3141, 0, 0, 0], 0x020C),
         ([7002, 0, 0, 0, 0], 0x020C),
         ([7400, 30, 251, *[0x5441] * 121], 0x020E),
         ([7400, 30, 5, 0x5441, 0x0D5A], 0x030E),
@@ -304,3 +303,22 @@ def test_long_attach_sets_t5_and_the_transmission_delay(tmp_path: Path) -> None:
     before = world.clock.now()
     assert world.do(7202, R, 1, 2, R, 101) == 0x2E0C, "no response in time"
     assert 4 <= (world.clock.now() - before) / SECOND <= 5, "T5, and the delay of 3 s"
+
+
+PORT_SETUP = [0xFFF0, 1, 1, 5, 2, 1, 1, 0, 1, 1, 0, 1]
+"""9600 bits a second, even parity, two stop bits, turnaround of 10 ms."""
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "code"),
+    [(1, 2, 0x0213), (2, 0, 0x0513), (3, 7, 0x0513), (4, 3, 0x0513), (5, 2, 0x0513), (7, 1, 0x0513), (8, 0, 0x0513)],
+)
+def test_wrong_port_setups(world: CommandWorld, place: int, value: int, code: int) -> None:
+    words = list(PORT_SETUP)
+    words[place] = value
+    assert world.do(*words) == code
+    assert world.do(7202, R, 1, 1, R, 100) == 1, "the session goes on"
+
+
+def test_a_port_setup_of_another_length(world: CommandWorld) -> None:
+    assert world.do(*PORT_SETUP[:8]) == 0x0C0C
