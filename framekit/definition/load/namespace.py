@@ -170,6 +170,13 @@ class Namespace:
             self._sections[key] = found
         return self._sections[key]
 
+    def of_application(self, key: str, name: str) -> Owned | None:
+        """Return an entry of a section of the application, also if the definition has one of that name."""
+        source = self.source.application
+        if source is None:
+            return None
+        return next((Owned(entry, source, True) for entry in source.section(key) if entry.key.text == name), None)
+
     def elsewhere(self, name: str) -> tuple[str, Namespace] | None:
         """Return name and namespace for `FILE.name`: of a used file or of this definition's application; else
         None.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from itertools import pairwise
 
 from framekit.definition.expression import Expression
@@ -45,7 +45,7 @@ class ServiceLoader:
     def rows(self, entry: Entry) -> tuple[ServiceRow, ...]:
         """Return the rows of one service. Broken rows are noted and left out; their good keys go to `partly`."""
         found, service = [], entry.key.text
-        for number, item in enumerate(self.reader.items(entry.value), start=1):
+        for number, item in enumerate(self._items(entry), start=1):
             with self.reader.going_on():
                 keys = self.reader.mapping(item)
                 known = {"at": keys.at, "service": service, "name": f"{service} {number}"}
@@ -60,6 +60,19 @@ class ServiceLoader:
 
     def _spoil(self) -> None:
         self.spoilt = True
+
+    def _items(self, entry: Entry) -> Iterator[Node]:
+        """Yield the items of a list of rows; `{rows: application}` stands for the application's rows of the service."""
+        for item in self.reader.items(entry.value):
+            if not isinstance(item, Mapping) or "rows" not in item:
+                yield item
+                continue
+            inherited = self.space.of_application("services", entry.key.text)
+            if len(self.reader.entries(item)) > 1 or inherited is None or inherited.entry is entry:
+                what = f"there are no rows of '{entry.key.text}' to take from an application"
+                self.reader.note(item.at, what, "leave rows out")
+                continue
+            yield from self.reader.items(inherited.entry.value)
 
     def place(self, node: Node) -> PlaceOf:
         """Read a place: areas, units and the name of an item are bare words; everything else is a value."""

@@ -1,0 +1,82 @@
+"""Commands of SNP and SNP-X on one line (snp-cmm), with a simulated PLC that takes both."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from command_world import CommandWorld, text_words
+
+DEVICE = """station: SNPID1
+also: snp-x
+memory: {sizes: {R1: 2000}, set: {R1: [0x0155, 22, 33, 44], I1: [1, 0, 1, 1, 0, 0, 1, 0, 1, 1]}}
+"""
+ATTACH = [7200, *text_words("SNPID1"), 0, 0]
+ID, NULL, ALL = text_words("SNPID1"), [0, 0, 0, 0], [0xFFFF] * 4
+R, IN = 8, 70
+
+
+@pytest.fixture
+def world(tmp_path: Path) -> CommandWorld:
+    return CommandWorld(tmp_path, "snp-cmm", DEVICE)
+
+
+def test_both_kinds_on_one_line(world: CommandWorld) -> None:
+    assert world.do(*ATTACH) == 1
+    assert world.do(7202, R, 1, 4, R, 100) == 1
+    assert world.do(7101, *ID, 0, R, 1, 4, R, 110) == 1
+    assert world.own("R", 100, 4) == world.own("R", 110, 4) == [0x0155, 22, 33, 44]
+    assert world.do(7202, R, 1, 1, R, 120) == 0x030C, "the X session has ended the other"
+    assert world.do(*ATTACH) == 1
+    assert world.do(7202, R, 2, 1, R, 120) == 1
+    assert world.own("R", 120) == [22]
+    assert world.do(7101, *ID, 0, R, 3, 1, R, 120) == 1, "and the other way round"
+    assert world.own("R", 120) == [33]
+
+
+def test_an_x_session_stays_open(world: CommandWorld) -> None:
+    sent: list[str] = []
+    world.service.channels[1].driver.monitor = lambda seen: sent.append(seen.frame)
+    for number in (1, 2, 3):
+        assert world.do(7101, *ID, 0, R, number, 1, R, 120) == 1
+    assert sent.count("x_attach") <= 1
+
+
+def test_small_and_large_writes_and_points(world: CommandWorld) -> None:
+    world.put("R", 100, *range(1, 501))
+    assert world.do(7102, *ID, 0, R, 301, 1, R, 100) == 1
+    assert world.do(7102, *NULL, 0, R, 1001, 400, R, 100) == 1
+    assert world.at("R", 301, 2) == [1, 0] and world.at("R", 1001, 401) == [*range(1, 401), 0]
+    assert world.do(7101, *ID, 0, IN, 3, 1, R, 120, R, 32) == 1
+    assert world.own("R", 120) == [0b11010011]
+    assert world.own("R", 32)[0] >> 12 == 2, "stopped"
+
+
+def test_broadcast(world: CommandWorld) -> None:
+    world.put("R", 100, 7, 8)
+    assert world.do(7102, *ALL, 1, R, 401, 1, R, 100) == 1
+    assert world.do(7102, *ALL, 1, R, 403, 2, R, 100) == 1
+    assert world.at("R", 401, 4) == [7, 0, 7, 8]
+    assert world.do(7101, *ID, 1, R, 401, 1, R, 120) == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        ([7101, *ID, 2, R, 1, 1, R, 100], 0x1D0C),
+        ([7101, *ALL, 1, R, 1, 1, R, 100], 0x1E0C),
+        ([7102, *ALL, 0, R, 1, 1, R, 100], 0x1F0C),
+        ([7101, *NULL, 1, R, 1, 1, R, 100], 0x1F0C),
+        ([7101, *ID, 0, R, 1, 501, R, 100], 0x1C0C),
+        ([7101, *ID, 0, 99, 1, 1, R, 100], 0x0A0C),
+        ([7101, *ID, 0, R, 0, 1, R, 100], 0x0B0C),
+        ([7101, *ID, 0, R, 1, 1, 99, 100], 0x060C),
+        ([7101, *ID, 0, R, 2000, 2, R, 100], 0x040F),
+        ([7101, *text_words("OTHER"), 0, R, 1, 1, R, 100], 0x460C),
+        ([7101, *ID, 0, R, 1], 0x0C0C),
+    ],
+)
+def test_refusals(world: CommandWorld, words: list[int], code: int) -> None:
+    assert world.do(*words) == code
+    (status,) = world.service.status()
+    assert status.last_failure is not None and status.last_failure.meaning
