@@ -60,11 +60,16 @@ def test_nothing_comes_from_elsewhere(site: Path) -> None:
         assert loaded == [], name
 
 
-def test_a_link_that_leads_nowhere_is_refused(site: Path) -> None:
-    page = site.parent / "pages" / "docs" / "web.md"
-    page.write_text(page.read_text("utf-8") + "\n[x](nowhere.md) [y](points.md#nowhere)\n", "utf-8")
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-f", str(site.parent / "mkdocs.yml")]
-    done = subprocess.run([*command, "-d", str(site.parent / "other")], capture_output=True, text=True)
+def test_a_link_that_leads_nowhere_is_refused(tmp_path: Path) -> None:
+    pages, settings = tmp_path / "pages", tmp_path / "mkdocs.yml"
+    pages.mkdir()
+    settings.write_text(f"INHERIT: {ROOT / 'mkdocs.yml'}\ndocs_dir: pages\nsite_dir: site\n", "utf-8")
+    (pages / "index.md").write_text("# Start\n\n[x](points.md) [y](points.md#values)\n", "utf-8")
+    (pages / "points.md").write_text("# Points\n\n## Values\n", "utf-8")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "-f", str(settings)]
+    assert subprocess.run(command, capture_output=True).returncode == 0
+    (pages / "index.md").write_text("# Start\n\n[x](nowhere.md) [y](points.md#nowhere)\n", "utf-8")
+    done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode != 0 and "nowhere.md" in done.stderr and "#nowhere" in done.stderr
 
 

@@ -365,7 +365,8 @@ frames:
 
 
 @pytest.mark.parametrize("name", spread(NAMES, 4, part=4))
-def test_the_benchmark_of_noise_has_a_line_for_every_role(name: str) -> None:
+def test_the_benchmark_of_noise_has_a_line_for_every_role(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bench, "BLOCK", 100)
     data = Random(3).randbytes(400)
     found = bench.links([name])
     assert [one.role for one in found] == roles_of(name)

@@ -118,10 +118,8 @@ def test_files_that_cannot_be_read(tmp_path: Path, block: str, expected: str) ->
     assert f": {expected}" in found[0]
 
 
-def called(folder: Path, *words: str) -> int:
-    (folder / "plc.device.yaml").write_text(
-        PLC + "state: {program_blocks: {initial: {0: 01 02 03}}}\n", encoding="utf-8"
-    )
+def called(folder: Path, *words: str, state: str = "") -> int:
+    (folder / "plc.device.yaml").write_text(PLC + state, encoding="utf-8")
     line = ["--port", f"sim:{folder / 'plc.device.yaml'}", "--station", "33101A", "--param", "privilege=3"]
     return main(["call", "snp", *words, *line, "--param", "login=yes"])
 
@@ -129,8 +127,9 @@ def called(folder: Path, *words: str) -> int:
 def test_the_command_line_stores_and_loads_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source, copy = tmp_path / "logic.bin", tmp_path / "copy.bin"
     source.write_bytes(b"\x01\x02\x03")
-    assert called(tmp_path, "program_store", f"block=@{source}") == 0
-    assert called(tmp_path, "program_load", "--save", f"block={copy}") == 0
+    state = "state: {program_blocks: {initial: {0: 01 02 03}}}\n"
+    assert called(tmp_path, "program_store", f"block=@{source}", state=state) == 0
+    assert called(tmp_path, "program_load", "--save", f"block={copy}", state=state) == 0
     assert copy.read_bytes() == b"\x01\x02\x03"
     capsys.readouterr()
     for words, message in (
@@ -139,5 +138,5 @@ def test_the_command_line_stores_and_loads_files(tmp_path: Path, capsys: pytest.
         (["short_status", "--save", f"status.programs={tmp_path / 'x'}"], "'status.programs' is no result of bytes"),
         (["program_store", "block=@nowhere.bin"], "nowhere.bin: there is no such file"),
     ):
-        assert called(tmp_path, *words) != 0
+        assert called(tmp_path, *words, state=state if words[0] == "program_load" else "") != 0
         assert message in capsys.readouterr().err

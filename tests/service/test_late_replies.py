@@ -223,9 +223,17 @@ def test_values_are_right_again_soon_after_the_device_is_well(name: str, times: 
     assert world.wrong == [] and world.clock.now() < WELL + 60 * SECOND
 
 
-@pytest.mark.parametrize(("retries", "overlapping"), list(product((0, 2), (False, True))))
 @pytest.mark.parametrize(
-    ("times", "shown"), [(1.5, "1.5 s: set reply_timeout to 2 s"), (3.5, "3.5 s: set reply_timeout to 4 s")]
+    ("times", "shown", "retries", "overlapping"),
+    spread(
+        [
+            (1.5, "1.5 s: set reply_timeout to 2 s", 2, True),
+            (1.5, "1.5 s: set reply_timeout to 2 s", 0, False),
+            (3.5, "3.5 s: set reply_timeout to 4 s", 0, True),
+            (3.5, "3.5 s: set reply_timeout to 4 s", 2, False),
+        ],
+        3,
+    ),
 )
 def test_the_time_after_which_a_station_answers_is_reported(
     times: float, shown: str, retries: int, overlapping: bool

@@ -28,11 +28,15 @@ from framekit.extras.generate_c.source import identifier
 
 GCC = shutil.which("gcc")
 WARNINGS = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-Wconversion"]
-SANITIZERS = ["-fsanitize=address,undefined", "-fsanitize-undefined-trap-on-error"]
+SANITIZERS = [
+    "-fsanitize=address,undefined", "-fsanitize-undefined-trap-on-error", "-fno-sanitize=null,object-size",
+    "--param", "asan-instrumentation-with-call-threshold=0",
+]  # fmt: skip
 """Flags of AddressSanitizer and UBSan.
 
 Undefined behaviour ends the program with SIGILL instead of a message, which halves the compile time of gcc. To find the
-place, compile the remaining C file with `-fno-sanitize-recover=all -g` instead.
+place, compile the remaining C file with `-fno-sanitize-recover=all -g` instead. A quarter is saved by calls in place of
+inlined checks, and without those that AddressSanitizer makes anyway (null) or only optimized code has (object-size).
 """
 _REASONS = [
     "ok",
