@@ -90,7 +90,7 @@ def requests_and_replies(codec: Codec, frames: int) -> Iterator[bytes]:
 def _show(path: Path) -> None:
     with contextlib.redirect_stdout(io.StringIO()) as shown:
         main(["decode", "modbus-rtu", "--capture", str(path)])
-    assert shown.getvalue().endswith(f"{SHOWN} frames, 0 bad, 0 times noise\n")
+    assert shown.getvalue().endswith(f"{SHOWN} frames, 0 bad, 0 noise\n")
 
 
 def _read_both(path: Path, codec: Codec) -> None:

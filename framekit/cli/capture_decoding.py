@@ -99,9 +99,7 @@ CUT = "the last record is not whole – its writer was stopped"
 
 def counted(counts: Mapping[str, int]) -> str:
     """Return the numbers of frames, bad frames and noise in words."""
-    return (
-        f"{plural(counts.get('frame', 0), 'frame')}, {counts.get('bad', 0)} bad, {counts.get('noise', 0)} times noise"
-    )
+    return f"{plural(counts.get('frame', 0), 'frame')}, {counts.get('bad', 0)} bad, {counts.get('noise', 0)} noise"
 
 
 def _text(contents: Contents, channel: int, seen: Seen, as_ascii: bool) -> str:

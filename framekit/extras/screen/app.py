@@ -140,7 +140,7 @@ class MonitorApp(App[None]):
         lines = [channel_line(number, line, now) for number, line in self.view.lines.items()]
         counts = self.view.log.counts
         frames = plural(counts["frame"], "frame")
-        lines.append(f"{frames}, {counts['bad']} bad, {counts['noise']} times noise{self._in_force()}")
+        lines.append(f"{frames}, {counts['bad']} bad, {counts['noise']} noise{self._in_force()}")
         lines += [f"! {trouble}" for trouble in self.view.troubles()]
         self.channels.update("\n".join(map(printable, lines)))
         self.blocks.clear()

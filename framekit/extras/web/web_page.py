@@ -156,5 +156,5 @@ def _listening(place: str, token: str | None) -> WebServer:
         return WebServer(host, port, access)
     except OSError as error:
         in_use = error.errno == errno.EADDRINUSE
-        why = "the address is in use – end what is there, or give another port, such as 0 for a free one"
+        why = "the address is in use – stop the program that uses it, or give another port, such as 0 for a free one"
         raise VerbError(f"--web {place}: {why if in_use else error_text(error)}") from None

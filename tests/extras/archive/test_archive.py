@@ -102,10 +102,10 @@ def test_what_cannot_be_read_is_told_and_the_rest_is_there(
     assert main(["decode", "modbus-rtu", "--capture", "day*.pcap", "--to", "all.parquet", "--jobs", "1"]) == 1
     out, err = capsys.readouterr()
     assert out.splitlines() == [
-        "day1.pcap: 2 frames, 0 bad, 0 times noise",
-        "day2.pcap: 2 frames, 0 bad, 0 times noise",
-        "day3.pcap: 0 frames, 0 bad, 0 times noise",
-        "all.parquet: 6 rows of 3 captures; 4 frames, 0 bad, 0 times noise",
+        "day1.pcap: 2 frames, 0 bad, 0 noise",
+        "day2.pcap: 2 frames, 0 bad, 0 noise",
+        "day3.pcap: 0 frames, 0 bad, 0 noise",
+        "all.parquet: 6 rows of 3 captures; 4 frames, 0 bad, 0 noise",
     ]
     assert "day2.pcap: the last record is not whole" in err and "day3.pcap" in err
     assert main(["decode", "modbus-rtu", "--capture", "day1.pcap", "--to", "one.parquet", "--json"]) == 0

@@ -384,8 +384,8 @@ def test_an_address_in_use_is_one_line(tmp_path: Path, capsys: pytest.CaptureFix
         place = f"127.0.0.1:{listener.getsockname()[1]}"
         assert main(["run", str(written(tmp_path)), "--web", place, "--for", "1s"]) == 1
     assert capsys.readouterr().err == (
-        f"framekit run: --web {place}: the address is in use – end what is there, or give another port, such as 0 "
-        "for a free one\n"
+        f"framekit run: --web {place}: the address is in use – stop the program that uses it, or give "
+        "another port, such as 0 for a free one\n"
     )
 
 
