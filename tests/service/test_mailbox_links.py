@@ -115,6 +115,9 @@ def test_faults_state_and_who_may() -> None:
     assert bench.call("set_state", state=0).code == 0x05F2, "not with faults"
     bench.ok("clear_plc_faults")
     assert bench.ok("plc_faults")["faults"]["faults"] == []
+    bench.device.set("program_invalid", 1)
+    assert bench.call("set_state", state=0).code == 0x05F2, "nor with an invalid program"
+    bench.device.set("program_invalid", 0)
     bench.ok("set_state", state=0)
     assert bench.device["plc_state"] == 0
     assert bench.call("set_state", state=1).code == 0x05F6
