@@ -21,6 +21,7 @@ from framekit.definition.model.protocol import Protocol, Rest
 from framekit.definition.model.sections import Parameter, Queue, StateVariable
 from framekit.definition.model.segments import Check, Const, Data, Field, Segment
 from framekit.definition.model.services import BlockWork, CommandRules, PlaceOf
+from framekit.definition.model.values import RecordOf
 from framekit.definition.problems import NOWHERE, Position, Problem, did_you_mean, plural
 from framekit.definition.start_values import StartValues
 from framekit.definition.times import MOST_SPEED, format_time, is_format
@@ -102,7 +103,7 @@ def check_commands(protocol: Protocol, broken: Collection[str] = ()) -> Iterator
         if work.calls and work.read is None and work.into is not None and "data" not in work.into:
             yield Problem(work.at, "nothing says which data of the call go into the own memory", "add data: to into")
         for after in work.then:
-            yield from _stored(after.store, after.at)
+            yield from _stored(protocol, after.store, after.at)
 
 
 def _rules(protocol: Protocol, rules: CommandRules) -> Iterator[Problem]:
@@ -115,13 +116,20 @@ def _rules(protocol: Protocol, rules: CommandRules) -> Iterator[Problem]:
         yield Problem(rules.at, "a command block has no words", "give most: 1 or more")
     yield from _place(rules.at, rules.status)
     for after in rules.then:
-        yield from _stored(after.store, after.at)
+        yield from _stored(protocol, after.store, after.at)
 
 
-def _stored(place: PlaceOf | None, at: Position) -> Iterator[Problem]:
+def _stored(protocol: Protocol, place: PlaceOf | None, at: Position) -> Iterator[Problem]:
     yield from _place(at, place)
-    if place is not None and "data" not in place:
+    if place is None:
+        return
+    data = place.get("data")
+    if data is None:
         yield Problem(at, "nothing says what is stored", "add data: to store")
+    elif isinstance(data, RecordOf):
+        names = ", ".join(f"'{name}'" for name in data.fields)
+        hint = next((did_you_mean(name, protocol.layouts) for name in data.fields), "")
+        yield Problem(data.at, f"{names} is no layout, so it has no bytes to store", hint or "name a layout")
 
 
 def _place(at: Position, place: PlaceOf | None) -> Iterator[Problem]:
