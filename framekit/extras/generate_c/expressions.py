@@ -251,14 +251,21 @@ class CExpressionWriter:
         if any(one.there or one.kind == "none" for one in (first, second)):
             texts = ["false" if one.kind == "none" else one.there or "true" for one in (first, second)]
             there = f"({test} ? {texts[0]} : {texts[1]})"
-        known = [one for one in (first, second) if one.kind != "none"]
-        if kinds == {"bytes"}:
-            view = f"{self.outside.helper('view')}(NULL, 0)"
-            texts = [view if one.kind == "none" else self.bytes(one) for one in (first, second)]
-            sizes = [one.most_size for one in known]
-            most = None if None in sizes else max(one for one in sizes if one is not None)
-            return Val("bytes", f"({test} ? {texts[0]} : {texts[1]})", there=there, most_size=most)
-        texts = ["0" if one.kind == "none" else one.text for one in (first, second)]
+        choose = self._choose_bytes if kinds == {"bytes"} else self._choose_number
+        return choose(test, (first, second), there)
+
+    def _choose_bytes(self, test: str, values: tuple[Val, Val], there: str) -> Val:
+        """Return the bytes that a condition selects; an absent value is empty."""
+        view = f"{self.outside.helper('view')}(NULL, 0)"
+        texts = [view if one.kind == "none" else self.bytes(one) for one in values]
+        sizes = [one.most_size for one in values if one.kind != "none"]
+        most = None if None in sizes else max(one for one in sizes if one is not None)
+        return Val("bytes", f"({test} ? {texts[0]} : {texts[1]})", there=there, most_size=most)
+
+    def _choose_number(self, test: str, values: tuple[Val, Val], there: str) -> Val:
+        """Return the number that a condition selects; an absent value is 0."""
+        texts = ["0" if one.kind == "none" else one.text for one in values]
+        known = [one for one in values if one.kind != "none"]
         low, high = min(one.low for one in known), max(one.high for one in known)
         return Val("number", f"(({test}) ? {texts[0]} : {texts[1]})", low, high, there)
 

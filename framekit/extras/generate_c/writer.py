@@ -362,24 +362,28 @@ class WriteWriter(CFunctionWriter):
         segment = every[0]
         size = self.static.present(segment).fixed
         converted = isinstance(segment, Data) and segment.convert is not None
-        if self.scopes.get(id(segment)) not in (None, taken):
+        if self.scopes.get(id(segment)) not in (None, taken) or segment.when is not None:
             return None
         if size is not None and not (plain and converted):
-            if segment.when is None:
-                return str(size) if self.scopes.get(id(segment)) is taken or not segment.value_names else None
-            return None
-        if segment.when is not None or self.scopes.get(id(segment)) is not taken:
+            return str(size) if self.scopes.get(id(segment)) is taken or not segment.value_names else None
+        if self.scopes.get(id(segment)) is not taken:
             return None
         entry = taken.scope.entries.get(segment.name or "")
-        if isinstance(segment, Data) and segment.pad is None and entry is not None:
-            text = f"(int64_t){entry.text}.size"
-            if not plain and converted:
-                return f"2 * {text}" if segment.convert == "hex_to_ascii" else f"{text} / 2"
-            return text
-        if isinstance(segment, Field) and segment.type.kind in ("ascii", "bytes") and entry is not None:
-            fills = segment.type.pad is not None or (segment.type.end is not None and segment.type.size is not None)
-            more = len(segment.type.end or b"")
-            return None if fills else f"(int64_t){entry.text}.size" + (f" + {more}" if more else "")
-        if isinstance(segment, Repeat) and isinstance(segment.of, FieldType) and entry is not None:
-            return f"{segment.of.fixed_size or 1} * (int64_t){entry.text}.count"
-        return None
+        return None if entry is None else _room_of_value(segment, entry.text, plain)
+
+
+def _room_of_value(segment: Segment, value: str, plain: bool) -> str | None:
+    """Return the text of a segment's size if it follows from the value in a local, otherwise None."""
+    size = f"(int64_t){value}.size"
+    match segment:
+        case Data(pad=None, convert=convert):
+            if plain or convert is None:
+                return size
+            return f"2 * {size}" if convert == "hex_to_ascii" else f"{size} / 2"
+        case Field(type=FieldType(kind="ascii" | "bytes") as type_):
+            fills = type_.pad is not None or (type_.end is not None and type_.size is not None)
+            more = len(type_.end or b"")
+            return None if fills else size + (f" + {more}" if more else "")
+        case Repeat(of=FieldType() as of):
+            return f"{of.fixed_size or 1} * (int64_t){value}.count"
+    return None

@@ -6,6 +6,7 @@ An expression without a Lua form becomes a call that fails when it is reached; a
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import dataclass
 from typing import Any
 
 from framekit.codec.python.expressions import FieldScope
@@ -72,19 +73,23 @@ class LuaExpressions:
         An expression without a Lua form becomes a call that fails when it is reached.
         """
         try:
-            return self._node(node, scope, own)
+            return _ScopedWriter(self, scope, own).value(node)
         except CannotSayError as error:
             if error.problem not in self.problems:
                 self.problems.append(error.problem)
             return f"X.limit({string(error.problem.what)})"
 
-    def _node(self, node: Node, scope: FieldScope, own: Collection[str]) -> str:
-        def of(part: Node) -> str:
-            return self._node(part, scope, own)
 
-        def late(part: Node) -> str:
-            return f"function() return {self.text(part, scope, own)} end"
+@dataclass(frozen=True, slots=True)
+class _ScopedWriter:
+    """Write the nodes of an expression in one scope. Raises CannotSayError for a node without a Lua form."""
 
+    expressions: LuaExpressions
+    scope: FieldScope
+    own: Collection[str]
+    """Lua names that the expression may read."""
+
+    def value(self, node: Node) -> str:
         match node:
             case Number(value=value):
                 return number(value, node.at)
@@ -95,65 +100,72 @@ class LuaExpressions:
             case Bytes(value=data):
                 return f"X.bytes({string(data)})"
             case Name():
-                return self._name(node, scope, own)
+                return self.name(node)
             case Attribute(value=value, name=name):
-                return f"X.attr({of(value)}, {string(name)})"
+                return f"X.attr({self.value(value)}, {string(name)})"
             case Index(value=value, index=index):
-                return f"X.{'item_at' if may_find_nothing(node) else 'index'}({of(value)}, {of(index)})"
+                function = "item_at" if may_find_nothing(node) else "index"
+                return f"X.{function}({self.value(value)}, {self.value(index)})"
             case Slice(value=value, start=start, stop=stop):
-                edges = ("nil" if edge is None else of(edge) for edge in (start, stop))
-                return f"X.slice({of(value)}, {', '.join(edges)})"
+                edges = ("nil" if edge is None else self.value(edge) for edge in (start, stop))
+                return f"X.slice({self.value(value)}, {', '.join(edges)})"
             case Call(function="none"):
                 return "X.nothing"
             case Call(function=function, arguments=arguments):
-                return self._call(node, function, arguments, scope, own)
+                return self.call(node, function, arguments)
+            case List(items=items):
+                return f"X.list({listed(map(self.value, items))})"
+        return self.operation(node)
+
+    def operation(self, node: Node) -> str:
+        match node:
             case Unary(operator=operator, operand=operand):
-                return f"X.{_UNARY[operator]}({of(operand)})"
+                return f"X.{_UNARY[operator]}({self.value(operand)})"
             case Binary(operator=operator, left=left, right=right):
-                return f"X.{_BINARY[operator]}({of(left)}, {of(right)})"
+                return f"X.{_BINARY[operator]}({self.value(left)}, {self.value(right)})"
             case Compare(first=first, rest=((operator, second),)):
-                return f"X.{_COMPARE[operator]}({of(first)}, {of(second)})"
+                return f"X.{_COMPARE[operator]}({self.value(first)}, {self.value(second)})"
             case Compare(first=first, rest=rest):
                 operands = [first, *(operand for _, operand in rest)]
                 pairs = zip(operands, rest, strict=False)
-                return f"X.all({', '.join(late(Compare(node.at, left, (one,))) for left, one in pairs)})"
+                return f"X.all({', '.join(self.late(Compare(node.at, left, (one,))) for left, one in pairs)})"
             case Logic(operator=operator, operands=operands):
-                return f"X.{'all' if operator == 'and' else 'any'}({', '.join(map(late, operands))})"
+                return f"X.{'all' if operator == 'and' else 'any'}({', '.join(map(self.late, operands))})"
             case Conditional(condition=condition, then=then, otherwise=otherwise):
-                return f"X.choose({of(condition)}, {late(then)}, {late(otherwise)})"
-            case List(items=items):
-                return f"X.list({listed(map(of, items))})"
+                return f"X.choose({self.value(condition)}, {self.late(then)}, {self.late(otherwise)})"
         raise not_said(node.at, "a time that follows the line's speed")
 
-    def _name(self, node: Name, scope: FieldScope, own: Collection[str]) -> str:
-        name = node.name
-        if name in own:
+    def late(self, node: Node) -> str:
+        """Return a Lua function that evaluates the node when its value is needed."""
+        return f"function() return {self.expressions.text(node, self.scope, self.own)} end"
+
+    def name(self, node: Name) -> str:
+        name, protocol = node.name, self.expressions.protocol
+        if name in self.own:
             return name
         if name in (INDEX, LAST, PREVIOUS):
             return f"X.item(n, {string(name)})"
-        if scope.find(name) is not None:
+        if self.scope.find(name) is not None:
             return f"X.of(n, {string(name)})"
-        if name in self.protocol.tables:
-            self.tables.add(name)
+        if name in protocol.tables:
+            self.expressions.tables.add(name)
             return f"X.table({string(name)})"
-        parameter = self.protocol.params.get(name)
+        parameter = protocol.params.get(name)
         if parameter is not None and parameter.secret:
             raise not_said(node.at, f"'{name}', which is secret")
-        if parameter is None and name not in self.protocol.state:
+        if parameter is None and name not in protocol.state:
             raise not_said(node.at, f"'{name}', which only a running engine knows")
-        self.asked.add(name)
+        self.expressions.asked.add(name)
         return f"X.given(n, {string(name)})"
 
-    def _call(
-        self, node: Node, function: str, arguments: tuple[Node, ...], scope: FieldScope, own: Collection[str]
-    ) -> str:
+    def call(self, node: Node, function: str, arguments: tuple[Node, ...]) -> str:
         if function == "len" and isinstance(arguments[0], Name):
-            entry = scope.find(arguments[0].name)
+            entry = self.scope.find(arguments[0].name)
             if entry is not None and not entry.sized and entry.path:
                 return f"X.room(n, {string(entry.path)})"
         if function not in _FUNCTIONS:
             raise not_said(node.at, f"the function '{function}'")
-        return f"X.{function}({', '.join(self._node(one, scope, own) for one in arguments)})"
+        return f"X.{function}({', '.join(map(self.value, arguments))})"
 
 
 def constant(value: Any, at: Any) -> str:

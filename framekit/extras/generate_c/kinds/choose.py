@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -174,9 +175,6 @@ def _cases(r: Any, segment: Choose, value: Val, here: Any) -> list[tuple[str, Se
 
     The value is assigned to a local first.
     """
-    field = r.by_path.get(nearest_path(str(segment.on).strip(), segment, r.by_path))
-    names = field.values if isinstance(field, Field) and field.values is not None else {}
-    numbers = {name: one for one, name in names.items()}
     writer, is_number = r.writer(here[0]), value.kind == "number"
     if not is_number and (value.kind != "bytes" or value.fold):
         raise CannotSayError(segment.at, "a choice by what is neither a number nor a text")
@@ -192,16 +190,23 @@ def _cases(r: Any, segment: Choose, value: Val, here: Any) -> list[tuple[str, Se
         r.add(f"{local} = {text};")
     chosen = Val(value.kind, local)
     found: list[tuple[str, Segments | None]] = []
-    for place, (keys, segments) in enumerate(segment.cases):
-        tests = []
-        for one in keys:
-            one = numbers.get(one, one) if isinstance(one, str) else one
-            key = constant(one.encode("latin-1", "replace") if isinstance(one, str) else int(one))
-            tests.append(writer.same(segment.on.root, chosen, key))
+    for place, (keys, segments) in enumerate(_constant_keys(r, segment)):
+        tests = [writer.same(segment.on.root, chosen, key) for key in keys]
         test = " || ".join(one for one in tests if one != "false") or "false"
         test = f"({test})" if there or len(tests) > 1 else test
         found.append((f"{'else ' if place else ''}if ({test}{f' && {there}' if there else ''})", segments))
     return [*found, ("else" if found else "", segment.otherwise)]
+
+
+def _constant_keys(r: Any, segment: Choose) -> Iterator[tuple[list[Val], Segments | None]]:
+    """Yield each case with its keys as constants; a name of a value becomes its number."""
+    field = r.by_path.get(nearest_path(str(segment.on).strip(), segment, r.by_path))
+    names = field.values if isinstance(field, Field) and field.values is not None else {}
+    numbers = {name: number for number, name in names.items()}
+    for keys, segments in segment.cases:
+        known = [numbers.get(key, key) if isinstance(key, str) else key for key in keys]
+        texts = [key.encode("latin-1", "replace") if isinstance(key, str) else int(key) for key in known]
+        yield [constant(text) for text in texts], segments
 
 
 KINDS = (

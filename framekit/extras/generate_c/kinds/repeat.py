@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from framekit.codec.python.encode_plan import Task
 from framekit.codec.python.facts import may_be_empty
@@ -145,44 +145,17 @@ def _items(r: ReadWriter, segment: Repeat, of: Segments, here: Here, behind: Beh
     r.add(f"{start} = {r.at};", f"{target}.count = 0;")
     turn = r.local("unsigned long", "list_turn")
     r.add(f"{turn} = notes->turn;")
-    count, whole = "", ""
-    if segment.times == "rest":
-        whole = r.local("size_t", "whole")
-        size = r.rest(behind)
-        r.add(f"{whole} = {r.inn}.end;", f"{r.inn}.end = {start} + (size_t){size};")
-        header = f"while ({r.at} < {r.inn}.end)"
-    elif segment.times is None:
-        header = ""
-    else:
-        times = (
-            r.number(segment.times, scope) if isinstance(segment.times, Expression) else constant(int(segment.times))
-        )
-        count = r.ask(times, "length", "times")
-        if times.low < 0:
-            r.when(f"{count} < 0", r.note("length", r.at), r.leave())
-        header = f"while ((int64_t){target}.count < {count})"
-    ended = r.local("bool", "is_last", "false") if segment.until is not None else ""
-    if segment.until is not None:
-        r.add(f"{ended} = false;")
-        header = f"while (!{ended})"
+    loop = _loop(r, segment, scope, target, start, behind)
     item_path = f"{target}.items[{target}.count]."
     inside = CScope(scope)
-    index = f"(int64_t){target}.count"
-    filled = segment.align - 1 if segment.align > 1 and not segment.between else 0
-    with r.block(header):
+    with r.block(loop.header):
         if segment.align > 1 and segment.between:
             r.add(f"{r.at} += ({segment.align} - ({r.at} - {start}) % {segment.align}) % {segment.align};")
         r.add(f"{begun} = {r.at};")
         r.when(f"{target}.count >= {member.capacity}", "notes->no_room = true;", r.leave())
         r.forget(member.inside)
         r.initial(member.inside, item_path)
-        inside.entries[INDEX] = Val("number", index, 0, member.capacity)
-        last = f"{index} == {count} - 1" if count else f"{r.at} + {filled} >= {r.inn}.end"
-        if ended:
-            inside.entries[LAST] = Val("number", f"(int64_t){ended}", 0, 1, is_flag=True)
-        else:
-            inside.entries[LAST] = Val("number", f"(int64_t)({last})", 0, 1, is_flag=True)
-        inside.entries[PREVIOUS] = _previous(member, target)
+        _declare_item_words(r, segment, member, target, loop, inside)
         r.declare(of, inside, member.inside, item_path)
         outside, r.in_item = r.in_item, True
         r.list(of, (inside, member.inside, item_path), ())
@@ -199,10 +172,63 @@ def _items(r: ReadWriter, segment: Repeat, of: Segments, here: Here, behind: Beh
         if not segment.between:
             r.stands_from(segment.path, r.at)
         r.add(f"(void){begun};")
-    if whole:
-        r.add(f"{r.inn}.end = {whole};")
+    if loop.whole:
+        r.add(f"{r.inn}.end = {loop.whole};")
     r.stands_from(segment.path, start)
     r.is_there(member, here)
+
+
+@dataclass(frozen=True, slots=True)
+class _ItemLoop:
+    """The loop that reads the items of a list."""
+
+    header: str
+    count: str = ""
+    """The local with the number of items, if it is known before they are read."""
+    whole: str = ""
+    """The local with the end of the input, if the list ends its own region."""
+    ended: str = ""
+    """The local that is true after the last item, if a condition ends the list."""
+
+
+def _loop(r: ReadWriter, segment: Repeat, scope: CScope, target: str, start: str, behind: Behind) -> _ItemLoop:
+    """Write the locals that end the loop over the items; return the loop."""
+    header = count = whole = ended = ""
+    if segment.times == "rest":
+        whole = r.local("size_t", "whole")
+        size = r.rest(behind)
+        r.add(f"{whole} = {r.inn}.end;", f"{r.inn}.end = {start} + (size_t){size};")
+        header = f"while ({r.at} < {r.inn}.end)"
+    elif segment.times is not None:
+        times = (
+            r.number(segment.times, scope) if isinstance(segment.times, Expression) else constant(int(segment.times))
+        )
+        count = r.ask(times, "length", "times")
+        if times.low < 0:
+            r.when(f"{count} < 0", r.note("length", r.at), r.leave())
+        header = f"while ((int64_t){target}.count < {count})"
+    if segment.until is not None:
+        ended = r.local("bool", "is_last", "false")
+        r.add(f"{ended} = false;")
+        header = f"while (!{ended})"
+    return _ItemLoop(header, count, whole, ended)
+
+
+def _declare_item_words(
+    r: ReadWriter, segment: Repeat, member: CMember, target: str, loop: _ItemLoop, inside: CScope
+) -> None:
+    """Declare the words that expressions of an item may read: its index, whether it is last, and the previous item."""
+    index = f"(int64_t){target}.count"
+    if loop.ended:
+        last = loop.ended
+    elif loop.count:
+        last = f"({index} == {loop.count} - 1)"
+    else:
+        filled = segment.align - 1 if segment.align > 1 and not segment.between else 0
+        last = f"({r.at} + {filled} >= {r.inn}.end)"
+    inside.entries[INDEX] = Val("number", index, 0, member.capacity)
+    inside.entries[LAST] = Val("number", f"(int64_t){last}", 0, 1, is_flag=True)
+    inside.entries[PREVIOUS] = _previous(member, target)
 
 
 def _has_open_number(segments: Segments) -> bool:
