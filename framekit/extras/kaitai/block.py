@@ -176,9 +176,7 @@ class KsyBlock:
             case Data():
                 self._data(segment, after, following)
             case Check():
-                self.seq.append({"id": self.names.new(_name(segment, "check")), "size": segment.size})
-                what = f"the check code {segment.method.name} is read and not verified"
-                self._tell(segment, what, "Kaitai works out no check codes")
+                self._check(segment)
             case Skip():
                 self.seq.append({"size": segment.size})
             case Fill():
@@ -188,6 +186,16 @@ class KsyBlock:
                     self.at_end.append((segment, lambda: self._last_value(segment)))
             case Require():
                 self._require(segment)
+            case ItemEnd():
+                pass
+            case _:
+                self._composite(segment, after, following)
+        if segment.doc and len(self.seq) > first:
+            self.seq[first].setdefault("doc", prose(segment.doc))
+
+    def _composite(self, segment: Segment, after: BytesBehind, following: Segment | None) -> None:
+        """Write a segment that is made of other segments or of frames."""
+        match segment:
             case Repeat():
                 self._repeat(segment, after)
             case Choose():
@@ -199,22 +207,29 @@ class KsyBlock:
             case Inner():
                 self._inner(segment, after)
             case Nested():
-                path = self._own(segment.name)
-                self.seq.append({"id": path, "type": self.file.types[segment.frame]})
-                self.file.without_end.add(segment.frame)
-                self.scope.entries[segment.name] = KsyEntry(path, "record")
-            case ItemEnd():
-                pass
+                self._nested(segment)
             case Segment(is_record=True):
-                name = segment.name or "record"
-                type_, block = self._child(name, segment.members, after)
-                path = self._own(name)
-                self.seq.append({"id": path, "type": type_})
-                self.scope.entries[name] = KsyEntry(path, "record", block.scope.entries)
+                self._record(segment, after)
             case _:
                 raise self._not(segment, "a kind of segment of a program's own", "Kaitai has nothing like it")
-        if segment.doc and len(self.seq) > first:
-            self.seq[first].setdefault("doc", prose(segment.doc))
+
+    def _check(self, check: Check) -> None:
+        self.seq.append({"id": self.names.new(_name(check, "check")), "size": check.size})
+        what = f"the check code {check.method.name} is read and not verified"
+        self._tell(check, what, "Kaitai works out no check codes")
+
+    def _nested(self, nested: Nested) -> None:
+        path = self._own(nested.name)
+        self.seq.append({"id": path, "type": self.file.types[nested.frame]})
+        self.file.without_end.add(nested.frame)
+        self.scope.entries[nested.name] = KsyEntry(path, "record")
+
+    def _record(self, record: Segment, after: BytesBehind) -> None:
+        name = record.name or "record"
+        type_, block = self._child(name, record.members, after)
+        path = self._own(name)
+        self.seq.append({"id": path, "type": type_})
+        self.scope.entries[name] = KsyEntry(path, "record", block.scope.entries)
 
     # ---- words ----------------------------------------------------------------------------------------------
 
@@ -367,13 +382,7 @@ class KsyBlock:
     ) -> tuple[Keys, KsyForm]:  # fmt: skip
         """Write a value; return its keys, and its form, whose `value` converts the number to framekit's value."""
         keys, form = self._attribute(segment, name, type_)
-        is_number = form.kind in ("int", "float")
-        is_wide = plus != 0 or unit != 1
-
-        def value(path: str) -> str:
-            text = form.value(path) if form.value is not None else path
-            return _value_text(wide(text) if is_wide else text, plus, zero_means, unit) if is_number else text
-
+        value = _value_of(form, plus, zero_means, unit)
         is_plain = value("_") == "_"
         enum = None if values is None or form.kind != "int" else self.file.enum(name, values, segment.at)
         path = self.names.new(f"{name}_raw") if form.not_said else self._own(name)
@@ -386,29 +395,37 @@ class KsyBlock:
         self.seq.append(keys)
         if form.more:
             self.seq.append({"contents": list(form.more)})
+        number = path
         if apart:
-            text = value(raw) if is_plain or form.kind != "int" or _is_short(type_, is_wide) else wide(value(raw))
+            is_short = _is_short(type_, plus != 0 or unit != 1)
+            text = value(raw) if is_plain or form.kind != "int" or is_short else wide(value(raw))
             text = text if fallback is None else f"({condition} ? {text} : {fallback})"
-            asked = path
-            if enum is not None and (not is_plain or fallback is not None) and name in self.frame.asked:
-                asked = self.names.new(f"{name}_number")
-                self.instances[asked] = {"value": text}
-                text = asked
-            elif enum is not None:
-                asked = raw
-            self.instances[path] = {"value": text, **({"enum": enum} if enum is not None else {})}
-            self.always |= {path, asked} if fallback is not None else set()
-        else:
-            asked = path
-            if enum is not None:
-                keys["enum"] = enum
-        bounds = limits or type_.bounds
-        is_natural = bounds is not None and bounds[0] >= 0 and (limits is not None or plus <= 0)
-        self.scope.entries[name] = KsyEntry(asked, form.kind, {}, form.not_said, is_natural)
-        if limits is not None and is_number and not form.not_said:
+            number = self._instance(name, path, raw, text, enum, is_raw=is_plain and fallback is None)
+            self.always |= {path, number} if fallback is not None else set()
+        elif enum is not None:
+            keys["enum"] = enum
+        is_natural = _is_natural(type_, limits, plus)
+        self.scope.entries[name] = KsyEntry(number, form.kind, {}, form.not_said, is_natural)
+        if limits is not None and form.is_number and not form.not_said:
             low, high = limits
             self._verify(keys, f"{value('_')} >= {low} and {value('_')} <= {high}", name)
         return keys, replace(form, value=None if is_plain else value)
+
+    def _instance(self, name: str, path: str, raw: str, text: str, enum: str | None, *, is_raw: bool) -> str:
+        """Add the instance of a value; return the path of its number, which an enumeration would hide.
+
+        `is_raw`: the value is its raw number. Otherwise the number is an instance of its own if expressions read it.
+        """
+        if enum is None:
+            self.instances[path] = {"value": text}
+            return path
+        number = raw
+        if not is_raw and name in self.frame.asked:
+            number = self.names.new(f"{name}_number")
+            self.instances[number] = {"value": text}
+            text = number
+        self.instances[path] = {"value": text, "enum": enum}
+        return number
 
     def _default(
         self, segment: Segment, default: Expression, values: Mapping[int, str] | None, type_: FieldType | None = None
@@ -821,6 +838,23 @@ class KsyBlock:
         parts = [*everything(self.file.static.segments(self.file.protocol.frames[name]))]
         inside = (one for part in parts for one in part.frames_inside)
         return any(map(_takes_rest, parts)) or any(self._needs_end(one, seen) for one in inside)
+
+
+def _value_of(form: KsyForm, plus: int, zero_means: int | None, unit: int) -> Callable[[str], str]:
+    """Return a function that converts the path of a raw value to the text of framekit's value."""
+    is_wide = plus != 0 or unit != 1
+
+    def value(path: str) -> str:
+        text = form.value(path) if form.value is not None else path
+        return _value_text(wide(text) if is_wide else text, plus, zero_means, unit) if form.is_number else text
+
+    return value
+
+
+def _is_natural(type_: FieldType, limits: tuple[int, int] | None, plus: int) -> bool:
+    """Return whether a value is never less than 0."""
+    bounds = limits or type_.bounds
+    return bounds is not None and bounds[0] >= 0 and (limits is not None or plus <= 0)
 
 
 def _is_short(type_: FieldType, is_changed: bool) -> bool:

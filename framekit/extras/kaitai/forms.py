@@ -36,6 +36,10 @@ class KsyForm:
     not_looked_at: str = ""
     """The part of the encoding that `valid` does not check; empty for none."""
 
+    @property
+    def is_number(self) -> bool:
+        return self.kind in ("int", "float")
+
 
 def form_of(type_: FieldType) -> KsyForm:
     """Return the reading of a type."""

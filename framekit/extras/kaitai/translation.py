@@ -215,13 +215,9 @@ class Translation:
             case Cast(value=value, type=type_):
                 return self._cast(self.of(value), type_)
             case EnumMember(path=path):
-                found = self.scope.type.find_enum(path[:-1])
-                if found is None or path[-1] not in found.members:
-                    raise self._not(f"'{'::'.join(path)}', which is no member of an enumeration here,", "correct it")
-                return constant(found.members[path[-1]])
+                return self._member(path)
             case Unary(operator="not", operand=operand):
-                one = self.condition(operand)
-                return replace(one, text=f"not {one.at_level(NOT)}", level=NOT, parts=())
+                return self._negated(self.condition(operand))
             case Unary(operator=operator, operand=operand):
                 return self._sign(operator, self.of(operand))
             case Binary(operator=operator, left=left, right=right):
@@ -229,15 +225,7 @@ class Translation:
             case Compare(first=first, rest=((operator, second),)):
                 return self._compare(self.of(first), operator, self.of(second))
             case Logic(operator=operator, operands=operands):
-                parts = [self.condition(one) for one in operands]
-                level = OR if operator == "or" else AND
-                texts = [one.at_level(level + 1) for one in parts]
-                names = frozenset().union(*(one.names for one in parts))
-                needs = list(parts[0].needs)
-                for place, one in enumerate(parts[1:], 1):
-                    needs += _needed(one.needs, texts[:place], operator == "and")
-                made = Translated(f" {operator} ".join(texts), level, "bool", (0, 1), names, tuple(needs))
-                return replace(made, parts=tuple(one.text for one in parts)) if operator == "and" else made
+                return self._logic(operator, [self.condition(one) for one in operands])
             case Conditional(condition=condition, then=then, otherwise=otherwise):
                 return self._chosen(self.condition(condition), self.of(then), self.of(otherwise))
         raise self._not("a number with a fraction")
@@ -329,6 +317,13 @@ class Translation:
             return made if outer.above else replace(made, needs=(*outer.needs, *made.needs))
         return self._method(outer, name, ())
 
+    def _member(self, path: tuple[str, ...]) -> Translated:
+        """Return the number of a member of an enumeration."""
+        found = self.scope.type.find_enum(path[:-1])
+        if found is None or path[-1] not in found.members:
+            raise self._not(f"'{'::'.join(path)}', which is no member of an enumeration here,", "correct it")
+        return constant(found.members[path[-1]])
+
     def _list(self, items: tuple[Node, ...]) -> Translated:
         parts = [self.number(one) for one in items]
         numbers = [one.span[0] for one in parts if one.is_constant and one.span is not None]
@@ -387,21 +382,24 @@ class Translation:
             case ("int", "to_s", 0):
                 return replace(made, text=f"text({value.text})", kind="str")
             case ("str", "to_i", 0 | 1):
-                base = numbers[0].text if numbers else "10"
-                if base not in ("2", "8", "10", "16"):
-                    raise self._not("a number in digits of an odd base")
-                what = "'.to_i' is a number where the text has digits alone, no sign, blank or _"
-                self.told.append((what, "what asks for another one is not there, or refused"))
-                digits = "0123456789ABCDEFabcdef" if base == "16" else "0123456789"[: int(base)]
-                need = f"len({value.text}) > 0 and only({value.text}, '{digits}')"
-                text = f"number({value.text}{'' if base == '10' else f', {base}'})"
-                return replace(made, text=text, span=(0, 1 << 512), needs=(*made.needs, need))
+                return self._number_of_text(value, numbers[0].text if numbers else "10", made)
             case ("str", "substring", 2):
                 if any(one.span is None or one.span[0] < 0 for one in numbers):
                     raise self._not("a part of a text that may begin before it")
                 text = f"{value.at_level(ATOM)}[{numbers[0].text}:{numbers[1].text}]"
                 return replace(made, text=text, kind="str")
         raise self._not(f"'.{name}' of this")
+
+    def _number_of_text(self, value: Translated, base: str, made: Translated) -> Translated:
+        """Complete `made` as the number that the digits of a text represent in a base."""
+        if base not in ("2", "8", "10", "16"):
+            raise self._not("a number in digits of an odd base")
+        what = "'.to_i' is a number where the text has digits alone, no sign, blank or _"
+        self.told.append((what, "what asks for another one is not there, or refused"))
+        digits = "0123456789ABCDEFabcdef" if base == "16" else "0123456789"[: int(base)]
+        need = f"len({value.text}) > 0 and only({value.text}, '{digits}')"
+        text = f"number({value.text}{'' if base == '10' else f', {base}'})"
+        return replace(made, text=text, span=(0, 1 << 512), needs=(*made.needs, need))
 
     # ---- operators ----------------------------------------------------------------------------------------
 
@@ -412,6 +410,21 @@ class Translation:
         if span is not None:
             span = (-span[1], -span[0]) if operator == "-" else (~span[1], ~span[0])
         return replace(one, text=f"{operator}{one.at_level(SIGN)}", level=SIGN, span=span)
+
+    @staticmethod
+    def _negated(condition: Translated) -> Translated:
+        return replace(condition, text=f"not {condition.at_level(NOT)}", level=NOT, parts=())
+
+    @staticmethod
+    def _logic(operator: str, parts: list[Translated]) -> Translated:
+        level = OR if operator == "or" else AND
+        texts = [one.at_level(level + 1) for one in parts]
+        names = frozenset().union(*(one.names for one in parts))
+        needs = list(parts[0].needs)
+        for place, one in enumerate(parts[1:], 1):
+            needs += _needed(one.needs, texts[:place], operator == "and")
+        made = Translated(f" {operator} ".join(texts), level, "bool", (0, 1), names, tuple(needs))
+        return replace(made, parts=tuple(one.text for one in parts)) if operator == "and" else made
 
     def _binary(self, operator: str, left: Translated, right: Translated) -> Translated:
         level = _LEVELS[operator]
@@ -476,23 +489,26 @@ def _span(operator: str, left: tuple[int, int] | None, right: tuple[int, int] | 
         return (0, right[1] - 1)
     if left is None or right is None:
         return None
-    found: tuple[int, int] | None = None
+    found = _span_of_known(operator, left, right)
+    return found if found is not None and max(map(abs, found)).bit_length() <= 2048 else None
+
+
+def _span_of_known(operator: str, left: tuple[int, int], right: tuple[int, int]) -> tuple[int, int] | None:
+    """Return the range of a result of two operands with known ranges; None if it is unknown."""
     match operator:
         case "+":
-            found = (left[0] + right[0], left[1] + right[1])
+            return (left[0] + right[0], left[1] + right[1])
         case "-":
-            found = (left[0] - right[1], left[1] - right[0])
+            return (left[0] - right[1], left[1] - right[0])
         case "*":
             ends = [one * other for one in left for other in right]
-            found = (min(ends), max(ends))
+            return (min(ends), max(ends))
         case "&" if left[0] >= 0:
-            found = (0, left[1])
+            return (0, left[1])
         case "|" | "^" if left[0] >= 0 and right[0] >= 0:
-            found = (0, (1 << max(left[1], right[1]).bit_length()) - 1)
-        case ">>" if left[0] >= 0 and right[0] >= 0:
-            found = (0, left[1])
+            return (0, (1 << max(left[1], right[1]).bit_length()) - 1)
+        case ">>" | "/" if left[0] >= 0 and right[0] >= 0:
+            return (0, left[1])
         case "<<" if left[0] >= 0:
-            found = (0, left[1] << right[1])
-        case "/" if left[0] >= 0 and right[0] >= 0:
-            found = (0, left[1])
-    return found if found is not None and max(map(abs, found)).bit_length() <= 2048 else None
+            return (0, left[1] << right[1])
+    return None

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 from framekit.definition.expression import (
@@ -19,8 +19,8 @@ from framekit.definition.expression import (
     parse_expression,
     walk,
 )
+from framekit.definition.nodes import Entry, Scalar
 from framekit.definition.nodes import Mapping as MappingNode
-from framekit.definition.nodes import Scalar
 from framekit.definition.problems import CannotSayError, Position
 from framekit.definition.wire_types import ANY, NOTHING, Sizes, bounds_of_bits, either, exactly
 from framekit.extras.kaitai.attributes import (
@@ -67,6 +67,48 @@ _USER = re.compile(r"(?:::)?([a-z][a-z0-9_]*(?:::[a-z][a-z0-9_]*)*)")
 MOST_OPTIONALS = 100
 """Limit of the optional attributes in a row, each of which is nested in the previous one."""
 _REST_IS = "what stands behind it has no fixed size"
+
+
+@dataclass(slots=True)
+class _Branches:
+    """The cases of a choice, each of which begins with the region as it is before the choice."""
+
+    before: Region
+    after: list[Region] = field(default_factory=list)
+    """The region after each case."""
+    meanings: list[tuple[str, KsyMeaning]] = field(default_factory=list)
+    """The meaning of the attribute in each case that can be read, by the name of its type."""
+    takes_all: bool = False
+    """Whether a case takes all remaining bytes."""
+
+    def enter(self, region: Region) -> None:
+        """Restore the region for the next case."""
+        region.is_taken, region.counts_back = self.before.is_taken, self.before.counts_back
+
+    def leave(self, region: Region, takes_all: bool) -> None:
+        """Record the region after a case."""
+        self.after.append(replace(region))
+        self.takes_all = self.takes_all or takes_all
+
+    def join(self, region: Region) -> None:
+        """Set the region to its state after any of the cases, or without a case."""
+        states = (self.before, *self.after)
+        region.is_taken = any(one.is_taken for one in states)
+        region.counts_back = any(one.counts_back for one in states)
+
+
+@dataclass(frozen=True, slots=True)
+class _ListItem:
+    """The item of a list."""
+
+    part: KsyPart
+    keys: Keys
+    """The keys of the list that describe its items."""
+    entry: KsyMeaning
+    """The meaning of the list's name."""
+    it: Translated
+    """The meaning of `_` in the condition that ends the list."""
+    scope: KsyScope
 
 
 class TypeWriter:
@@ -596,73 +638,73 @@ class TypeWriter:
         return [{"include": self.file.layout(type_, segments), "as": name}]
 
     def _switch(
-        self,
-        attribute: KsyAttribute,
-        said: MappingNode,
-        name: str,
-        into: KsyScope,
-        behind: int | None,
+        self, attribute: KsyAttribute, said: MappingNode, name: str, into: KsyScope, behind: int | None,
         item: KsyScope | None,
-    ) -> KsyPart:
-        on, cases = said.value("switch-on"), said.value("cases")
-        if on is None or not isinstance(cases, MappingNode) or len(said.entries) != 2:
-            raise CannotSayError(said.at, f"the type of '{attribute.name}'", "write switch-on: and cases:")
-        if "valid" in attribute.keys:
-            raise CannotSayError(
-                attribute.keys["valid"].at,
-                f"valid: of '{attribute.name}', which is a choice,",
-                "write it into its types",
-            )
-        chosen = self.say(self.parsed(scalar(on, "switch-on")), on.at, item=item)
-        if chosen.kind not in ("int", "bool", "str"):
-            raise CannotSayError(on.at, "a choice by what is no number and no text", "choose by a number")
+    ) -> KsyPart:  # fmt: skip
+        chosen, cases = self._choice(attribute, said, item)
         found: dict[int | str, KsyPart] = {}
         otherwise: KsyPart | None = None
-        entries: list[tuple[str, KsyMeaning]] = []
-        before, after = replace(self.region), [replace(self.region)]
-        takes_all = False
+        branches = _Branches(replace(self.region))
         for case in cases.entries:
             key = None if case.key.text == "_" else self._case(case.key, chosen.kind)
             if key in found:
                 raise CannotSayError(case.key.at, f"the case {case.key.text[:40]!r} stands twice", "leave one out")
-            self.region.is_taken, self.region.counts_back = before.is_taken, before.counts_back
+            branches.enter(self.region)
             self._takes_all = False
-            try:
-                part = self._value(with_keys(attribute, type=case.value), name, into, behind, item)
-                if part.sizes.most != 0 and before.is_taken:
-                    raise CannotSayError(
-                        case.value.at, f"'{attribute.name}' stands behind what takes all that is left", "give it a size"
-                    )
-            except (CannotSayError, LeftOutError) as error:
-                if isinstance(error, CannotSayError):
-                    self._tell(error)
-                what = f"a frame with the case {case.key.text[:40]!r} of '{attribute.name}' is refused"
-                self.file.tell(case.value.at, what, "see what is told of it")
-                part = KsyPart([{"require": "false"}])
-            else:
-                type_ = case.value.text if isinstance(case.value, Scalar) else ""
-                entries.append((type_.partition("(")[0].strip(), into.entries[attribute.name]))
-            takes_all = takes_all or self._takes_all
-            after.append(replace(self.region))
+            part = self._part_of_case(attribute, case, name, into, behind, item, branches)
+            branches.leave(self.region, self._takes_all)
             if key is None:
                 otherwise = part
             else:
                 found[key] = part
-        self.region.is_taken, self.region.counts_back = before.is_taken, before.counts_back
+        branches.enter(self.region)
         said_otherwise = otherwise is not None
         if otherwise is None:
             otherwise = KsyPart([])
             if attribute.keys.keys() & {"size", "size-eos"}:
                 otherwise = self._value(with_keys(attribute, type=None), name, into, behind, item)
-                entries.append(("", into.entries[attribute.name]))
-                takes_all = takes_all or self._takes_all
-                after.append(replace(self.region))
-        self.region.is_taken = any(one.is_taken for one in after)
-        self.region.counts_back = any(one.counts_back for one in after)
-        self._takes_all = takes_all
+                branches.meanings.append(("", into.entries[attribute.name]))
+                branches.leave(self.region, self._takes_all)
+        branches.join(self.region)
+        self._takes_all = branches.takes_all
         always = said_otherwise or (found.keys() == {0, 1} and chosen.kind == "bool")
-        into.entries[attribute.name] = entry_of_cases(name, entries, always)
+        into.entries[attribute.name] = entry_of_cases(name, branches.meanings, always)
         return KsyPart([choose(chosen, found, otherwise)], either(one.sizes for one in (*found.values(), otherwise)))
+
+    def _choice(
+        self, attribute: KsyAttribute, said: MappingNode, item: KsyScope | None
+    ) -> tuple[Translated, MappingNode]:  # fmt: skip
+        """Return the value that selects the type of an attribute, and the cases. Raises CannotSayError."""
+        on, cases = said.value("switch-on"), said.value("cases")
+        if on is None or not isinstance(cases, MappingNode) or len(said.entries) != 2:
+            raise CannotSayError(said.at, f"the type of '{attribute.name}'", "write switch-on: and cases:")
+        if "valid" in attribute.keys:
+            what = f"valid: of '{attribute.name}', which is a choice,"
+            raise CannotSayError(attribute.keys["valid"].at, what, "write it into its types")
+        chosen = self.say(self.parsed(scalar(on, "switch-on")), on.at, item=item)
+        if chosen.kind not in ("int", "bool", "str"):
+            raise CannotSayError(on.at, "a choice by what is no number and no text", "choose by a number")
+        return chosen, cases
+
+    def _part_of_case(
+        self, attribute: KsyAttribute, case: Entry, name: str, into: KsyScope, behind: int | None,
+        item: KsyScope | None, branches: _Branches,
+    ) -> KsyPart:  # fmt: skip
+        """Return the part of a case; a case that cannot be read is reported, and its frames are refused."""
+        try:
+            part = self._value(with_keys(attribute, type=case.value), name, into, behind, item)
+            if part.sizes.most != 0 and branches.before.is_taken:
+                what = f"'{attribute.name}' stands behind what takes all that is left"
+                raise CannotSayError(case.value.at, what, "give it a size")
+        except (CannotSayError, LeftOutError) as error:
+            if isinstance(error, CannotSayError):
+                self._tell(error)
+            what = f"a frame with the case {case.key.text[:40]!r} of '{attribute.name}' is refused"
+            self.file.tell(case.value.at, what, "see what is told of it")
+            return KsyPart([{"require": "false"}])
+        type_ = case.value.text if isinstance(case.value, Scalar) else ""
+        branches.meanings.append((type_.partition("(")[0].strip(), into.entries[attribute.name]))
+        return part
 
     def _sized_switch(
         self,
@@ -702,73 +744,70 @@ class TypeWriter:
     # ---- lists --------------------------------------------------------------------------------------------
 
     def _list(self, attribute: KsyAttribute, repeat: str, behind: int | None) -> KsyPart:
+        at, before = attribute.at, replace(self.region)
+        item = self._item(attribute, repeat)
+        if (self.region.is_taken, self.region.counts_back) != (before.is_taken, before.counts_back):
+            raise CannotSayError(at, f"an item of '{attribute.name}' takes all that is left", "give it a size")
+        if not item.part.segments:
+            raise CannotSayError(at, f"items of '{attribute.name}' that take no bytes", "leave them out")
+        end, sizes = self._end_of_list(attribute, repeat, behind, item)
+        if not isinstance(end.get("times"), int) and item.part.sizes.least == 0 and "until" not in end:
+            raise CannotSayError(at, f"an item of '{attribute.name}' may take no bytes", "give its items a size")
+        self.scope.entries[attribute.name] = item.entry
+        return KsyPart([{"repeat": own_name(attribute.name)} | end | item.keys], sizes)
+
+    def _item(self, attribute: KsyAttribute, repeat: str) -> _ListItem:
+        """Return the item of a list: a plain number, a type, or a record with one value. Raises CannotSayError."""
         keys, at = attribute.keys, attribute.at
         name = own_name(attribute.name)
         single = without_repeat(attribute)
-        before = replace(self.region)
         said = keys.get("type")
-        is_type = isinstance(said, Scalar) and not is_built_in(said.text.strip())
         plain = not keys.keys() & {"enum", "valid", "contents"} and repeat != "until" and isinstance(said, Scalar)
-        of: Keys
         if isinstance(said, Scalar) and plain and (NUMBER.fullmatch(said.text) or FLOAT.fullmatch(said.text)):
             item = KsyScope(KsyType("item", at, None), self.scope)
             part = self._value(single, "value", item, None)
             of = {"of" if key == "type" else key: one for key, one in part.segments[0].items() if key != "field"}
             entry = KsyMeaning(name, "list", item=item.entries[attribute.name].kind)
-            it = Translated("", ATOM, "int", names=IT)
-        elif is_type:
-            taker, around = (
-                KsyScope(self.scope.type, self.scope),
-                KsyScope(KsyType("item", at, None), self.scope, ("index",)),
-            )
+            return _ListItem(part, of, entry, Translated("", ATOM, "int", names=IT), item)
+        if isinstance(said, Scalar) and not is_built_in(said.text.strip()):
+            taker = KsyScope(self.scope.type, self.scope)
+            around = KsyScope(KsyType("item", at, None), self.scope, ("index",))
             part = self._value(single, "", taker, None, around)
             item = taker.entries[attribute.name].scope or around
             it = Translated("", ATOM, "record", names=IT, scope=item, above=True)
             entry = KsyMeaning(name, "list", scope=item, item="record")
-            of = {"of": part.segments}
-        else:
-            item = KsyScope(KsyType("item", at, None), self.scope, ("value", "index"))
-            part = self._value(single, "value", item, None, item)
-            made = item.entries[attribute.name]
-            it = Translated(
-                made.text, ATOM, made.kind, made.span, IT, scope=made.scope, item=made.item, cases=made.cases
-            )
-            entry = KsyMeaning(name, "list", scope=made.scope, item=made.kind, cases=made.cases, suffix=".value")
-            of = {"of": part.segments}
-        if (self.region.is_taken, self.region.counts_back) != (before.is_taken, before.counts_back):
-            raise CannotSayError(at, f"an item of '{attribute.name}' takes all that is left", "give it a size")
-        if not part.segments:
-            raise CannotSayError(at, f"items of '{attribute.name}' that take no bytes", "leave them out")
-        segment: Keys = {"repeat": name}
-        sizes = ANY
+            return _ListItem(part, {"of": part.segments}, entry, it, item)
+        item = KsyScope(KsyType("item", at, None), self.scope, ("value", "index"))
+        part = self._value(single, "value", item, None, item)
+        made = item.entries[attribute.name]
+        it = Translated(made.text, ATOM, made.kind, made.span, IT, scope=made.scope, item=made.item, cases=made.cases)
+        entry = KsyMeaning(name, "list", scope=made.scope, item=made.kind, cases=made.cases, suffix=".value")
+        return _ListItem(part, {"of": part.segments}, entry, it, item)
+
+    def _end_of_list(
+        self, attribute: KsyAttribute, repeat: str, behind: int | None, item: _ListItem
+    ) -> tuple[Keys, Sizes]:  # fmt: skip
+        """Return the key that ends a list, and the sizes of the list. Raises CannotSayError."""
+        keys, at = attribute.keys, attribute.at
         match repeat:
             case "eos":
                 self.take_all(at, behind, f"the list '{attribute.name}'")
-                segment["times"] = "rest"
+                return {"times": "rest"}, ANY
             case "expr" if "repeat-expr" in keys:
                 node = scalar(keys["repeat-expr"], "repeat-expr")
                 times = self.say(self.parsed(node), node.at, "int")
                 if not times.names and times.span is not None and times.span[0] == times.span[1]:
-                    if not 1 <= times.span[0] <= MOST_BYTES:
-                        raise CannotSayError(node.at, f"a list of {times.span[0]} items", "leave it out")
-                    segment["times"] = times.span[0]
-                    sizes = part.sizes.times(times.span[0], times.span[0])
-                else:
-                    safe = times.span is not None and times.span[0] >= 0
-                    segment["times"] = _not_rest(times.text) if safe else f"max({times.text}, 0)"
+                    count = times.span[0]
+                    if not 1 <= count <= MOST_BYTES:
+                        raise CannotSayError(node.at, f"a list of {count} items", "leave it out")
+                    return {"times": count}, item.part.sizes.times(count, count)
+                safe = times.span is not None and times.span[0] >= 0
+                return {"times": _not_rest(times.text) if safe else f"max({times.text}, 0)"}, ANY
             case "until" if "repeat-until" in keys:
                 node = scalar(keys["repeat-until"], "repeat-until")
-                asked = self.parsed(node)
-                segment["until"] = self.say(asked, node.at, "bool", it=it, item=item).text
-                sizes = Sizes(part.sizes.least, None)
-            case _:
-                raise CannotSayError(
-                    at, f"repeat: {repeat[:30]!r}", "write expr, eos or until, with what belongs to it"
-                )
-        if not isinstance(segment.get("times"), int) and part.sizes.least == 0 and "until" not in segment:
-            raise CannotSayError(at, f"an item of '{attribute.name}' may take no bytes", "give its items a size")
-        self.scope.entries[attribute.name] = entry
-        return KsyPart([segment | of], sizes)
+                condition = self.say(self.parsed(node), node.at, "bool", it=item.it, item=item.scope)
+                return {"until": condition.text}, Sizes(item.part.sizes.least, None)
+        raise CannotSayError(at, f"repeat: {repeat[:30]!r}", "write expr, eos or until, with what belongs to it")
 
     # ---- what may be left ---------------------------------------------------------------------------------
 

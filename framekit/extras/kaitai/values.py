@@ -41,6 +41,8 @@ from framekit.extras.kaitai.translation import (
     constant,
 )
 
+_COMPARISONS = {"eq": "==", "min": ">=", "max": "<="}
+"""The operators of the rules of `valid` that compare with a single value."""
 _PROCESS = re.compile(r"(?:xor|rol|ror)\((?:0x[0-9a-fA-F]+|[0-9]+)\)")
 _LATIN_1 = ("iso88591", "latin1")
 _ASCII = ("ascii", "usascii")
@@ -290,46 +292,20 @@ class KsyValueWriter:
             return []
         it = Translated(entry.text, ATOM, entry.kind, entry.span, IT, item=entry.item)
         at = node.at
-        this = Name(at, "_")
         conditions: list[Node] = []
         limits: dict[str, int] = {}
-        if isinstance(node, Scalar):
-            given: Mapping[str, YamlNode] = {"eq": node}
-        elif isinstance(node, MappingNode):
-            given = {one.key.text: one.value for one in node.entries}
-        else:
-            raise CannotSayError(at, "valid: with a list", "write valid: {any-of: […]}")
-        for key, one in given.items():
-            if key == "expr":
-                conditions.append(self.within.parsed(scalar(one, key)))
-            elif key in ("eq", "min", "max"):
+        for key, one in _rules_of(node).items():
+            if key in _COMPARISONS:
                 value = self.within.parsed(scalar(one, key))
                 said = self.within.say(value, one.at, it=it, item=item, lazily=True)
-                if field_ is not None and not said.names and said.kind == entry.kind:
-                    if key == "eq" and entry.kind in ("int", "str"):
-                        field_["is"] = said.text
-                        continue
-                    if entry.kind == "int" and said.span is not None:
-                        limits[key] = said.span[0]
-                        continue
-                operator = {"eq": "==", "min": ">=", "max": "<="}[key]
-                conditions.append(Compare(at, this, ((operator, value),)))
-            elif key == "any-of" and isinstance(one, Sequence) and one.items:
-                options = (self.within.parsed(scalar(part, key)) for part in one.items)
-                compared = tuple(Compare(at, this, (("==", part),)) for part in options)
-                conditions.append(compared[0] if len(compared) == 1 else Logic(at, "or", compared))
+                if not _takes_constant(field_, limits, key, said, entry.kind):
+                    conditions.append(Compare(at, Name(at, "_"), ((_COMPARISONS[key], value),)))
             elif key == "in-enum" and scalar(one, key).text == "true" and field_ is not None and "values" in field_:
                 field_["only"] = "values"
             else:
-                raise CannotSayError(one.at, f"valid: with {key!r}", "write valid: {expr: …}")
+                conditions.append(self._condition(key, one, at))
         if limits and field_ is not None and entry.span is not None:
-            low, high = (
-                max(limits.get("min", entry.span[0]), entry.span[0]),
-                min(limits.get("max", entry.span[1]), entry.span[1]),
-            )
-            if low > high:
-                raise CannotSayError(at, "limits that no value keeps", "correct them")
-            field_["range"] = f"{low}..{high}"
+            field_["range"] = _range_within(entry.span, limits, at)
         required: list[str] = []
         for condition in conditions:
             said = self.within.say(condition, at, "bool", it=it, item=item, lazily=True)
@@ -337,6 +313,46 @@ class KsyValueWriter:
                 raise CannotSayError(at, "a condition asks for what may not be there", "ask first whether it is")
             required += [*said.needs, said.text]
         return [{"require": one} for one in dict.fromkeys(required)]
+
+    def _condition(self, key: str, rule: YamlNode, at: Position) -> Node:
+        """Return the condition of `expr` or `any-of`. Raises CannotSayError for other rules."""
+        if key == "expr":
+            return self.within.parsed(scalar(rule, key))
+        if key == "any-of" and isinstance(rule, Sequence) and rule.items:
+            options = (self.within.parsed(scalar(option, key)) for option in rule.items)
+            compared = tuple(Compare(at, Name(at, "_"), (("==", option),)) for option in options)
+            return compared[0] if len(compared) == 1 else Logic(at, "or", compared)
+        raise CannotSayError(rule.at, f"valid: with {key!r}", "write valid: {expr: …}")
+
+
+def _rules_of(node: YamlNode) -> Mapping[str, YamlNode]:
+    """Return the rules of a `valid`; a value alone is the rule `eq`. Raises CannotSayError for a list."""
+    if isinstance(node, Scalar):
+        return {"eq": node}
+    if isinstance(node, MappingNode):
+        return {one.key.text: one.value for one in node.entries}
+    raise CannotSayError(node.at, "valid: with a list", "write valid: {any-of: […]}")
+
+
+def _takes_constant(field_: Keys | None, limits: dict[str, int], key: str, said: Translated, kind: Kind) -> bool:
+    """Move a comparison with a constant to the keys of the field or to `limits`; return whether that is possible."""
+    if field_ is None or said.names or said.kind != kind:
+        return False
+    if key == "eq" and kind in ("int", "str"):
+        field_["is"] = said.text
+    elif kind == "int" and said.span is not None:
+        limits[key] = said.span[0]
+    else:
+        return False
+    return True
+
+
+def _range_within(span: tuple[int, int], limits: Mapping[str, int], at: Position) -> str:
+    """Return the range of values that keep the limits `min` and `max`. Raises CannotSayError if it is empty."""
+    low, high = max(limits.get("min", span[0]), span[0]), min(limits.get("max", span[1]), span[1])
+    if low > high:
+        raise CannotSayError(at, "limits that no value keeps", "correct them")
+    return f"{low}..{high}"
 
 
 def constant_meaning(value: Translated) -> KsyMeaning:
