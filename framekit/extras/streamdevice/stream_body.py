@@ -422,17 +422,23 @@ class _BodyMaker:
     def _text(self, one: Converter) -> None:
         if "+" in one.flags:
             raise CannotSayError(one.at, f"{one}: a text has no sign", "correct it")
-        if not self._reads:
-            if one.precision is not None or (one.width and ("-" not in one.flags or "0" in one.flags)):
-                why = "the text is cut" if one.precision is not None else "fill stands before the text"
-                raise CannotSayError(one.at, f"{one}: {why}", BY_HAND)
-            if one.width:
-                self._narrower(FIXED, one.at)
-                self._least += one.width
-                self._field(one, "text", "''", type="ascii", size=_size(one), pad="20")
-            else:
-                self._field(one, "text", "''", type="ascii", end=self._ends(one.at, f"a text ({one})"))
-            return
+        if self._reads:
+            self._text_read(one)
+        else:
+            self._text_sent(one)
+
+    def _text_sent(self, one: Converter) -> None:
+        if one.precision is not None or (one.width and ("-" not in one.flags or "0" in one.flags)):
+            why = "the text is cut" if one.precision is not None else "fill stands before the text"
+            raise CannotSayError(one.at, f"{one}: {why}", BY_HAND)
+        if one.width:
+            self._narrower(FIXED, one.at)
+            self._least += one.width
+            self._field(one, "text", "''", type="ascii", size=_size(one), pad="20")
+        else:
+            self._field(one, "text", "''", type="ascii", end=self._ends(one.at, f"a text ({one})"))
+
+    def _text_read(self, one: Converter) -> None:
         mark = "" if self._is_last else chr((self._follows() or b"\0")[0])
         if mark and ("#" in one.flags or mark not in _SPACES):
             if not one.width or "#" in one.flags:
@@ -529,42 +535,43 @@ class _BodyMaker:
         self._require(f"{self.body.values[-1].field} in {codes}")
 
     def _raw(self, one: Converter) -> None:
-        little: Segment = {"order": "little"} if "#" in one.flags else {}
-        if one.kind == "R":
-            if one.width not in (0, 4, 8):
-                raise CannotSayError(one.at, f"{one}: a float has 4 or 8 bytes", "correct it")
-            size = one.width or 4
-            keys: Segment = {"type": f"f{8 * size}", **little}
-        elif one.kind == "r":
-            size = one.width or 1
-            if not self._reads:
-                size = 1 if one.precision is None else one.precision
-                if one.width > size:
-                    raise CannotSayError(one.at, f"{one}: it sends less of the number than it has room for", BY_HAND)
-            if not 1 <= size <= 8:
-                raise CannotSayError(one.at, f"{one}: a number has 1 to 8 bytes", BY_HAND)
-            sign = "u" if "0" in one.flags else "i"
-            order = little if size > 1 else {}
-            if size in (1, 2, 4, 8):
-                keys = {"type": f"{sign}{8 * size}", **order}
-            else:
-                keys = (
-                    {"type": f"{sign}int", "size": size, **order}
-                    if sign == "u"
-                    else {"type": "int", "size": size, **order}
-                )
-        else:
-            size = one.width or 1
-            if not self._reads:
-                digits = 16 if one.precision is None else one.precision
-                size = digits // 2
-                if digits % 2 or one.width > size:
-                    raise CannotSayError(one.at, f"{one}: it has another number of digits than of places", BY_HAND)
-            if "+" in one.flags or not 1 <= size <= 8:
-                raise CannotSayError(one.at, f"{one}: no segment is like it", BY_HAND)
-            keys = {"type": "bcd", "size": size, **little}
+        keys_of = {"R": self._raw_float, "r": self._raw_number}.get(one.kind, self._raw_bcd)
+        size, keys = keys_of(one, {"order": "little"} if "#" in one.flags else {})
         self._least += size
         self._field(one, "decimal" if one.kind == "R" else "number", **keys)
+
+    def _raw_float(self, one: Converter, order: Segment) -> tuple[int, Segment]:
+        """Return the size and the keys of `%R`."""
+        if one.width not in (0, 4, 8):
+            raise CannotSayError(one.at, f"{one}: a float has 4 or 8 bytes", "correct it")
+        size = one.width or 4
+        return size, {"type": f"f{8 * size}", **order}
+
+    def _raw_number(self, one: Converter, order: Segment) -> tuple[int, Segment]:
+        """Return the size and the keys of `%r`."""
+        size = one.width or 1
+        if not self._reads:
+            size = 1 if one.precision is None else one.precision
+            if one.width > size:
+                raise CannotSayError(one.at, f"{one}: it sends less of the number than it has room for", BY_HAND)
+        if not 1 <= size <= 8:
+            raise CannotSayError(one.at, f"{one}: a number has 1 to 8 bytes", BY_HAND)
+        is_signed = "0" not in one.flags
+        if size in (1, 2, 4, 8):
+            return size, {"type": f"{'i' if is_signed else 'u'}{8 * size}", **(order if size > 1 else {})}
+        return size, {"type": "int" if is_signed else "uint", "size": size, **order}
+
+    def _raw_bcd(self, one: Converter, order: Segment) -> tuple[int, Segment]:
+        """Return the size and the keys of `%D`."""
+        size = one.width or 1
+        if not self._reads:
+            digits = 16 if one.precision is None else one.precision
+            size = digits // 2
+            if digits % 2 or one.width > size:
+                raise CannotSayError(one.at, f"{one}: it has another number of digits than of places", BY_HAND)
+        if "+" in one.flags or not 1 <= size <= 8:
+            raise CannotSayError(one.at, f"{one}: no segment is like it", BY_HAND)
+        return size, {"type": "bcd", "size": size, **order}
 
     def _check(self, one: Converter) -> None:
         method, size, own = check_method(one)
