@@ -7,7 +7,7 @@ named by the property it has in nearly all frames; a byte without such a propert
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations, pairwise
 from math import log, log2
@@ -96,19 +96,23 @@ def directed(frames: Sequence[HeardFrame], plain: Sequence[bytes]) -> tuple[list
     if "in" in ways and "out" in ways:
         first = ways[0]
         return ["client" if way == first else "server" for way in ways], 0.0
-    if len(frames) < 6:
+    bits = 0.0 if len(frames) < 6 else _evidence_of_turns(plain)
+    if not bits:
         return [""] * len(frames), 0.0
+    return ["client" if number % 2 == 0 else "server" for number in range(len(frames))], bits
+
+
+def _evidence_of_turns(plain: Sequence[bytes]) -> float:
+    """Return the evidence (bits) that requests and replies alternate; 0 if nothing indicates it."""
     forms = [(len(one), one[:2]) for one in plain]
     even, odd = Counter(forms[::2]), Counter(forms[1::2])
     together = [sum(one[:2] == two[:2] for one, two in list(pairwise(plain))[first::2]) for first in (0, 1)]
     counts = len(plain) // 2, (len(plain) - 1) // 2
     if together[0] >= NEARLY * counts[0] and together[1] <= 0.85 * counts[1]:
-        return ["client" if number % 2 == 0 else "server" for number in range(len(frames))], 8.0
+        return 8.0
     apart = sum(count for form, count in even.items() if form not in odd and count > 1)
     apart += sum(count for form, count in odd.items() if form not in even and count > 1)
-    if apart >= 0.9 * len(frames):
-        return ["client" if number % 2 == 0 else "server" for number in range(len(frames))], float(apart)
-    return ["" for _ in frames], 0.0
+    return float(apart) if apart >= 0.9 * len(plain) else 0.0
 
 
 CLIENT_SERVER = ("client", "server")
@@ -388,17 +392,12 @@ def fields_of(
     if shape.head:
         found.append(GuessedField("start", 0, shape.head, "constant", texts[0][: shape.head].hex(" ").upper()))
         at = shape.head
-    names = Counter[str]()
     while at < inner:
         if at == function or at in forms:
             value, name = f"{texts[0][at]:02X}", "function" if at == function else "form"
             field = GuessedField(name, at, 1, "constant", value, Evidence(len(texts), len(texts)), is_mark=True)
         elif at in copies:
-            about, evidence = "as in the request" if is_reply else "the reply repeats it", copies[at]
-            steps = None if is_reply else _steps(at, 1, "big", texts)
-            if steps is not None:
-                about, evidence = f"{ONE_UP}; {about}", steps
-            field = GuessedField(f"copy_{at}", at, 1, "copy", about, evidence)
+            field = _copied_byte(at, texts, copies[at], is_reply)
         else:
             field = _field_at(at, inner, texts, length, check)
         found.append(field)
@@ -411,26 +410,38 @@ def fields_of(
         kind: FieldKind = "text" if is_text([text[at : len(text) - shape.tail] for text in texts]) else "value"
         found.append(GuessedField("data", at, 0, kind, about))
     found = with_texts(found, texts)
-    if check is not None and check.place.at is None:
-        if shape.outside:
-            size = shape.tail - shape.outside
-            mark = texts[0][len(texts[0]) - shape.tail :][:size].hex(" ").upper()
-            found.append(GuessedField("end", -shape.tail, size, "constant", mark))
-        elif check.place.stop:
-            before, size = check.place.behind, check.place.stop
-            mark = texts[0][len(texts[0]) - before :][:size].hex(" ").upper()
-            found.append(GuessedField("mark", -before, size, "constant", mark, is_mark=True))
-        found.append(
-            GuessedField("check", -(check.place.tail + check.place.size), check.place.size, "check", check.name)
-        )
-        end_size = check.place.tail
-    else:
-        end_size = shape.tail
-    if end_size:
-        found.append(
-            GuessedField("end", -end_size, end_size, "constant", texts[0][len(texts[0]) - end_size :].hex(" ").upper())
-        )
+    found += _tail_fields(texts[0], shape, check)
+    names = Counter[str]()
     return tuple(_named(field, names) for field in found)
+
+
+def _copied_byte(at: int, texts: Sequence[bytes], copy: Evidence, is_reply: bool) -> GuessedField:
+    """Return the field of a byte that replies repeat; requests may count it up."""
+    about, evidence = "as in the request" if is_reply else "the reply repeats it", copy
+    steps = None if is_reply else _steps(at, 1, "big", texts)
+    if steps is not None:
+        about, evidence = f"{ONE_UP}; {about}", steps
+    return GuessedField(f"copy_{at}", at, 1, "copy", about, evidence)
+
+
+def _tail_fields(text: bytes, shape: FrameShape, check: CheckGuess | None) -> Iterator[GuessedField]:
+    """Yield the fields after the content of a frame: marks and the check, at offsets from the end."""
+
+    def mark(name: str, before: int, size: int, is_mark: bool = False) -> GuessedField:
+        value = text[len(text) - before :][:size].hex(" ").upper()
+        return GuessedField(name, -before, size, "constant", value, is_mark=is_mark)
+
+    end_size = shape.tail
+    if check is not None and check.place.at is None:
+        place = check.place
+        if shape.outside:
+            yield mark("end", shape.tail, shape.tail - shape.outside)
+        elif place.stop:
+            yield mark("mark", place.behind, place.stop, is_mark=True)
+        yield GuessedField("check", -(place.tail + place.size), place.size, "check", check.name)
+        end_size = place.tail
+    if end_size:
+        yield mark("end", end_size, end_size)
 
 
 def _field_at(

@@ -25,7 +25,7 @@ from framekit.extras.guess.model import (
     Stuffing,
 )
 from framekit.extras.guess.pieces import LARGEST_SIGNAL, Cutting, are_portions, other_cuttings, say_little
-from framekit.extras.guess.rules import rules_of
+from framekit.extras.guess.rules import FrameRule, rules_of
 from framekit.extras.guess.stuffing import StuffingError, plain_frame
 from framekit.extras.guess.times import GuessedTimes, TimedFrame, shown, times_of
 from framekit.extras.guess.writing import named_apart
@@ -68,29 +68,37 @@ def guess(chunks: Sequence[HeardBytes]) -> Guess:
     rules = rules_of(cut.frames, plain, cut.framing, check)
     check = rules[0].check
     found.framing, found.frames, found.noise, found.check = cut.framing, list(cut.frames), cut.noise, check
+    _add_kinds(found, best, cut, plain, rules)
+    return found
+
+
+def _add_kinds(
+    found: Guess, best: TriedCut, cut: CutLine, plain: Sequence[bytes | None], rules: Sequence[FrameRule]
+) -> None:  # fmt: skip
+    """Add the kinds of frames, their times, and the statements; nothing if no rule has frames."""
     rule_of = {number: at for at, rule in enumerate(rules) for number in rule.numbers}
     whole = sorted(rule_of)
     frames = [cut.frames[number] for number in whole]
     texts = [text for number in whole if (text := plain[number]) is not None]
-    if texts:
-        sides, luck = directed(frames, texts)
-        checks = [rule.check for rule in rules]
-        kinds = kinds_of(frames, texts, sides, cut.framing, checks, [rule_of[number] for number in whole])
-        is_sure = any(check is not None and check.is_sure for check in checks)
-        is_shown = is_sure or (best.cutting.kind == "heard" and best.is_seen)
-        found.kinds = named_apart(kinds if is_shown else [_unsure(kind) for kind in kinds])
-        if not is_sure and not best.is_seen:
-            found.statements = [_of_pieces(best.cutting.pieces)]
-            return found
-        found.times = times_of(_timed(cut.frames, found.kinds, len({one.direction for one in frames}) > 1))
-        found.statements = [
-            *_of_framing(cut),
-            *(statement for rule in rules for statement in _of_check(rule.check, rule.which)),
-            *_of_sides(sides, luck),
-            *_of_times(found.times),
-            *_of_fields(found.kinds),
-        ]
-    return found
+    if not texts:
+        return
+    sides, luck = directed(frames, texts)
+    checks = [rule.check for rule in rules]
+    kinds = kinds_of(frames, texts, sides, cut.framing, checks, [rule_of[number] for number in whole])
+    is_sure = any(check is not None and check.is_sure for check in checks)
+    is_shown = is_sure or (best.cutting.kind == "heard" and best.is_seen)
+    found.kinds = named_apart(kinds if is_shown else [_unsure(kind) for kind in kinds])
+    if not is_sure and not best.is_seen:
+        found.statements = [_of_pieces(best.cutting.pieces)]
+        return
+    found.times = times_of(_timed(cut.frames, found.kinds, len({one.direction for one in frames}) > 1))
+    found.statements = [
+        *_of_framing(cut),
+        *(statement for rule in rules for statement in _of_check(rule.check, rule.which)),
+        *_of_sides(sides, luck),
+        *_of_times(found.times),
+        *_of_fields(found.kinds),
+    ]
 
 
 @dataclass(frozen=True, slots=True)

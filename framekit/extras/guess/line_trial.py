@@ -212,29 +212,38 @@ def judge(heard: Iterable[HeardAt], doubles: Iterable[HeardAt] = ()) -> TrialRes
     if best.sees_damage and bits(best) <= 0:
         why = "none of these speeds and formats fits – try others with --speeds and --formats"
         return TrialResult("nothing fits", ranking, why, [bits(one) for one in ranking])
-    what = f"{plural(best.characters, 'character')} heard"
-    certainty: Certainty = "unsure"
-    if not best.sees_damage:
-        what += "; this port does not tell damaged characters, so only that they are text speaks for it"
-        if min(bits(best), margin) >= LIKELY and len(_other_speeds_heard(best, others)) >= SPEEDS_WANTED:
-            certainty = "likely"
-    else:
-        what += f", {shown_share(best)} damaged"
-        test = tests.get(2 * best.line.speed)
-        passes = None if test is None else test.is_doubled
-        if passes and min(bits(best), margin) >= SURE and best.same_bits < LIKELY:
-            certainty = "sure"
-            what += f"; at {2 * best.line.speed} each bit comes twice"
-        elif passes is False:
-            what += f"; at {2 * best.line.speed} not each bit comes twice"
-        elif min(bits(best), margin) >= LIKELY:
-            certainty = "likely"
-    text = f"{certainty}: {best.line} ({what})"
+    least = min(bits(best), margin)
+    certainty, reason = (
+        _judge_with_damage(best, tests.get(2 * best.line.speed), least)
+        if best.sees_damage
+        else _judge_by_text(best, others, least)
+    )
+    text = f"{certainty}: {best.line} ({plural(best.characters, 'character')} heard{reason})"
     if certainty == "unsure" and others and margin < LIKELY and bits(others[0]) > 0:
         text += f"; {others[0].line} fits as well"
     if certainty != "sure":
         text += " – listen longer with --each, or when more is going on"
     return TrialResult(certainty, ranking, text, [bits(one) for one in ranking])
+
+
+def _judge_with_damage(best: HeardAt, test: HeardAt | None, bits: float) -> tuple[Certainty, str]:
+    """Return the certainty and the reason if the port reports damaged characters. `test`: the trial at twice the speed;
+    `bits`: the least evidence for the best trial.
+    """
+    reason, double = f", {shown_share(best)} damaged", 2 * best.line.speed
+    passes = None if test is None else test.is_doubled
+    if passes and bits >= SURE and best.same_bits < LIKELY:
+        return "sure", f"{reason}; at {double} each bit comes twice"
+    if passes is False:
+        return "unsure", f"{reason}; at {double} not each bit comes twice"
+    return "likely" if bits >= LIKELY else "unsure", reason
+
+
+def _judge_by_text(best: HeardAt, others: Iterable[HeardAt], bits: float) -> tuple[Certainty, str]:
+    """Return the certainty and the reason if only the characters themselves are evidence, of `bits` at least."""
+    reason = "; this port does not tell damaged characters, so only that they are text speaks for it"
+    is_likely = bits >= LIKELY and len(_other_speeds_heard(best, others)) >= SPEEDS_WANTED
+    return "likely" if is_likely else "unsure", reason
 
 
 def _other_speeds_heard(best: HeardAt, others: Iterable[HeardAt]) -> set[int]:

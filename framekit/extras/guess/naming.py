@@ -173,33 +173,11 @@ def _covers_copies(kind: FrameKind, first: int, end: int) -> bool:
 
 
 def _named(kind: FrameKind, texts: Sequence[bytes], naming: FieldNaming) -> FrameKind:
-    """Return a kind with an additional name."""
-    size, where = naming.size, _where(naming)
+    """Return a kind with an additional name. Raises NamingError."""
     touched = [field for field in kind.fields if _touches(field, naming, kind)]
-    for field in touched:
-        kept = _kept(field)
-        if kept:
-            belong = "belongs" if size == 1 else "belong"
-            raise NamingError(f"{where} of '{kind.name}' {belong} to {kept} – choose other bytes")
-    shortest = min(map(len, texts))
-    tail = sum(field.size for field in kind.fields if field.offset < 0)
-    if not touched or (size and naming.end > shortest - tail):
-        raise NamingError(f"not all frames of '{kind.name}' have {where} – choose bytes that all of them have")
-    counted = 0 if kind.check is None or kind.check.place.at is not None else kind.check.place.start
-    if naming.offset < counted < naming.end:
-        raise NamingError(f"the check begins to count at byte {counted} – choose bytes before that, or from there on")
+    _check_place(kind, texts, naming, touched)
     _check_name(kind, naming, [field for field in kind.fields if field not in touched])
-    is_copy = _covers_copies(kind, naming.offset, naming.end) and naming.type != "bits"
-    own = GuessedField(
-        naming.name, naming.offset, size, "copy" if is_copy else "named", _about(naming, texts),
-        Evidence(len(texts), len(texts)), wire=naming.type, order=naming.order,
-    )  # fmt: skip
-    _check_type(own, texts, where)
-    if naming.type == "decimal":
-        keys = decimal_keys([text[naming.offset : naming.end] for text in texts])
-        if keys is None:
-            raise NamingError(f"{where}: these numbers have different forms – name them as text")
-        own = replace(own, keys=keys)
+    own = _named_field(kind, texts, naming)
     fields: list[GuessedField] = []
     taken = {field.name for field in kind.fields} | {naming.name}
     for field in kind.fields:
@@ -211,6 +189,42 @@ def _named(kind: FrameKind, texts: Sequence[bytes], naming: FieldNaming) -> Fram
             fields.append(own)
             fields += _right(field, naming, texts, taken)
     return replace(kind, fields=tuple(fields))
+
+
+def _check_place(
+    kind: FrameKind, texts: Sequence[bytes], naming: FieldNaming, touched: Sequence[GuessedField]
+) -> None:  # fmt: skip
+    """Raise NamingError for bytes that cannot have a name of their own. `touched`: the fields that they overlap."""
+    where = _where(naming)
+    for field in touched:
+        kept = _kept(field)
+        if kept:
+            belong = "belongs" if naming.size == 1 else "belong"
+            raise NamingError(f"{where} of '{kind.name}' {belong} to {kept} – choose other bytes")
+    shortest = min(map(len, texts))
+    tail = sum(field.size for field in kind.fields if field.offset < 0)
+    if not touched or (naming.size and naming.end > shortest - tail):
+        raise NamingError(f"not all frames of '{kind.name}' have {where} – choose bytes that all of them have")
+    counted = 0 if kind.check is None or kind.check.place.at is not None else kind.check.place.start
+    if naming.offset < counted < naming.end:
+        raise NamingError(f"the check begins to count at byte {counted} – choose bytes before that, or from there on")
+
+
+def _named_field(kind: FrameKind, texts: Sequence[bytes], naming: FieldNaming) -> GuessedField:
+    """Return the field of a name. Raises NamingError if the bytes have no values of its type."""
+    where = _where(naming)
+    is_copy = _covers_copies(kind, naming.offset, naming.end) and naming.type != "bits"
+    own = GuessedField(
+        naming.name, naming.offset, naming.size, "copy" if is_copy else "named", _about(naming, texts),
+        Evidence(len(texts), len(texts)), wire=naming.type, order=naming.order,
+    )  # fmt: skip
+    _check_type(own, texts, where)
+    if naming.type == "decimal":
+        keys = decimal_keys([text[naming.offset : naming.end] for text in texts])
+        if keys is None:
+            raise NamingError(f"{where}: these numbers have different forms – name them as text")
+        own = replace(own, keys=keys)
+    return own
 
 
 def _kept(field: GuessedField) -> str:

@@ -6,6 +6,7 @@ import argparse
 import asyncio
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -111,6 +112,32 @@ def _line(form: str, speed: int) -> LineFormat:
 # ---- recording ------------------------------------------------------------------------------------------------
 
 
+class _PortStates:
+    """Show the states of the ports of a recording; stop it if a port cannot be opened at first."""
+
+    recorder: Recorder
+
+    def __init__(self, urls: Sequence[str], stopped: asyncio.Event) -> None:
+        self._urls, self._stopped = urls, stopped
+        self.failed: list[str] = []
+        """The reasons why ports could not be opened."""
+        self._opened: set[int] = set()
+        self._last: dict[int, str] = {}
+
+    def change(self, number: int, text: str) -> None:
+        """Show the new state of a port: `open`, or the reason why it is not."""
+        if text == "open":
+            if number not in self._opened and not self.recorder.wires[number].port.sees_damage:
+                _say(f"{self._urls[number]}: damaged characters and breaks cannot be seen here, only bytes and times")
+            self._opened.add(number)
+        elif number not in self._opened:
+            self.failed.append(text)
+            self._stopped.set()
+        elif text != self._last[number]:  # otherwise unchanged since the last try
+            _say(f"{text} – trying again")
+        self._last[number] = text
+
+
 async def _record(
     arguments: argparse.Namespace, line: LineFormat, duration: int | None, stopped: asyncio.Event, live: LiveOutput
 ) -> int:
@@ -130,27 +157,11 @@ async def _record(
         pause = time_of("--pause", arguments.pause)
     rows = None if arguments.json else ByteRows(began, pause)
     view = ByteView(clock_of_loop(), began, rows, print)
-    last: dict[int, str] = {}
-    failed: list[str] = []
-    opened: set[int] = set()
-
-    def state(number: int, text: str) -> None:
-        if text == "open":
-            url = arguments.ports[number]
-            if number not in opened and not recorder.wires[number].port.sees_damage:
-                _say(f"{url}: damaged characters and breaks cannot be seen here, only bytes and times")
-            opened.add(number)
-        elif number not in opened:
-            failed.append(text)
-            stopped.set()
-        elif text != last[number]:  # otherwise unchanged since the last try
-            _say(f"{text} – trying again")
-        last[number] = text
-
+    states = _PortStates(arguments.ports, stopped)
     with in_words():
-        recorder = Recorder.at(
+        states.recorder = recorder = Recorder.at(
             arguments.ports, arguments.output, lambda heard: None if arguments.quiet else view.show(heard),
-            line=line, on_state=state, through=arguments.through,
+            line=line, on_state=states.change, through=arguments.through,
         )  # fmt: skip
     if not arguments.quiet and not arguments.json:
         at = f" at {line}" if recorder.wires[0].port.settings is not None else ""
@@ -164,9 +175,9 @@ async def _record(
     finally:
         recorder.stop()
         view.close()
-    if failed:
+    if states.failed:
         _drop_empty(arguments.output, recorder)
-        raise PortError(failed[0])
+        raise PortError(states.failed[0])
     live.check()
     _summary(arguments, recorder)
     for problem in recorder.problems:

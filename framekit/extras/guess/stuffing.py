@@ -151,26 +151,21 @@ def _doubled(inner: Sequence[bytes], escape: int) -> Iterator[tuple[Stuffing, Ev
 
 def _escaped(inner: Sequence[bytes], start: bytes, end: int) -> Iterator[tuple[Stuffing, Evidence]]:
     marks = {*start, end}
-    after: dict[int, Counter[int]] = {}
-    places: dict[int, Counter[int]] = {}
     if sum(0x20 <= byte < 0x7F for one in inner for byte in one) >= 0.98 * sum(map(len, inner)):
         return  # text
     plain_seen: Counter[int] = Counter()
+    places: dict[int, Counter[int]] = {}
+    after: dict[int, Counter[int]] = {}
     for one in inner:
         for at, byte in enumerate(one):
             plain_seen[byte] += 1
             places.setdefault(byte, Counter())[at] += 1
             after.setdefault(byte, Counter())[one[at + 1] if at + 1 < len(one) else -1] += 1
     for escape, followers in after.items():
-        count = sum(followers.values())
         usual = USUAL.get((end, escape))
-        if escape in marks or followers[-1] > 0.02 * count or (count < 3 and usual is None):
+        if escape in marks or not _may_escape(places[escape], followers, usual is not None):
             continue
-        most = places[escape].most_common(1)[0][1]
-        if usual is not None and count >= 3 and most > 0.6 * count:
-            continue  # a field
-        if usual is None and (count < LEAST_ESCAPES or most > 0.25 * count):
-            continue  # the escaped bytes also occur unescaped
+        count = sum(followers.values())
         seen = {byte for byte, often in followers.items() if byte >= 0 and often > 0.02 * count}
         if len(seen) > 40 or seen & {*marks, escape}:
             continue  # a byte that needs escaping never follows an escape byte
@@ -181,6 +176,20 @@ def _escaped(inner: Sequence[bytes], start: bytes, end: int) -> Iterator[tuple[S
             chance = count * log2(256 / 3)
             evidence = Evidence(sum(followers[byte] for byte in seen), count, chance)
             yield Stuffing("escape_codes", escape, codes=((0xDC, end), (0xDD, escape))), evidence
+
+
+def _may_escape(places: Counter[int], followers: Counter[int], is_usual: bool) -> bool:
+    """Return whether the counts of a byte by offset and by next byte (-1 for the end) fit an escape byte.
+
+    `is_usual`: the byte is the usual escape byte of the end mark, so that weaker evidence is enough.
+    """
+    count = sum(followers.values())
+    if followers[-1] > 0.02 * count or (count < 3 and not is_usual):
+        return False
+    most = places.most_common(1)[0][1]
+    if is_usual:
+        return count < 3 or most <= 0.6 * count  # otherwise a field
+    return count >= LEAST_ESCAPES and most <= 0.25 * count  # otherwise the escaped bytes also occur unescaped
 
 
 def _xor_of(
