@@ -75,19 +75,17 @@ class FrameValues:
 
     def frame(self, name: str) -> st.SearchStrategy[tuple[dict[str, Any], dict[str, Any]]]:
         """Draw values of the frame, and a context for them."""
+        return _drawn(self, name)
 
-        @st.composite
-        def made(draw: Draw) -> tuple[dict[str, Any], dict[str, Any]]:
-            context = self._context(draw, name)
-            for effort in range(TRIES):
-                maker = Maker(draw, self.protocol, self.codec, context, small=effort > TRIES // 2)
-                values = maker.frame(name)
-                if values is not None and (effort > TRIES - 2 or self._can_be_built(name, values, context)):
-                    return values, context
-            assume(False)
-            raise AssertionError
-
-        return made()
+    def drawn(self, draw: Draw, name: str) -> tuple[dict[str, Any], dict[str, Any]]:
+        context = self._context(draw, name)
+        for effort in range(TRIES):
+            maker = Maker(draw, self.protocol, self.codec, context, small=effort > TRIES // 2)
+            values = maker.frame(name)
+            if values is not None and (effort > TRIES - 2 or self._can_be_built(name, values, context)):
+                return values, context
+        assume(False)
+        raise AssertionError
 
     def _can_be_built(self, name: str, values: dict[str, Any], context: dict[str, Any]) -> bool:
         """Return whether the frame can be encoded; computed lengths and sums may exceed their type."""
@@ -106,3 +104,9 @@ class FrameValues:
             if variable.announced and variable.keys is None and variable.name in mentioned:
                 context[variable.name] = draw(st.integers(8, 40) | st.integers(1, 300))
         return context
+
+
+@st.composite
+def _drawn(draw: Draw, values: FrameValues, name: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Draw as `FrameValues.frame`: Hypothesis reads the source of each function that it makes a strategy of."""
+    return values.drawn(draw, name)

@@ -146,26 +146,22 @@ def same_fault(both: Pair, frame: str, damaged: bytes, context: dict[str, Any]) 
 # ---- damage -------------------------------------------------------------------------------------------------
 
 
-def damage(data: bytes) -> st.SearchStrategy[bytes]:
+@st.composite
+def damage(draw: Any, data: bytes) -> bytes:
     """Draw the bytes with one to three bytes changed, removed or inserted."""
-
-    @st.composite
-    def damaged(draw: Any) -> bytes:
-        changed = bytearray(data)
-        for _ in range(draw(st.integers(1, 3))):
-            place = draw(st.integers(0, max(len(changed) - 1, 0)))
-            kind = draw(st.sampled_from(("flip", "set", "set", "leave out", "put in", "cut", "append")))
-            if kind == "append":
-                changed += draw(st.binary(min_size=1, max_size=3))
-            elif kind == "put in":
-                changed.insert(place, draw(st.integers(0, 255)))
-            elif kind == "cut":
-                del changed[place:]
-            elif changed:
-                _change(draw, changed, place, kind)
-        return bytes(changed)
-
-    return damaged()
+    changed = bytearray(data)
+    for _ in range(draw(st.integers(1, 3))):
+        place = draw(st.integers(0, max(len(changed) - 1, 0)))
+        kind = draw(st.sampled_from(("flip", "set", "set", "leave out", "put in", "cut", "append")))
+        if kind == "append":
+            changed += draw(st.binary(min_size=1, max_size=3))
+        elif kind == "put in":
+            changed.insert(place, draw(st.integers(0, 255)))
+        elif kind == "cut":
+            del changed[place:]
+        elif changed:
+            _change(draw, changed, place, kind)
+    return bytes(changed)
 
 
 def _change(draw: Any, data: bytearray, place: int, kind: str) -> None:
@@ -177,9 +173,10 @@ def _change(draw: Any, data: bytearray, place: int, kind: str) -> None:
         del data[place]
 
 
-def spoil(values: dict[str, Any]) -> st.SearchStrategy[dict[str, Any]]:
+@st.composite
+def spoil(draw: Any, values: dict[str, Any]) -> dict[str, Any]:
     """Draw the values with one value removed, added or replaced, at any depth."""
-    return st.composite(_spoilt)(values)
+    return _spoilt(draw, values)
 
 
 STRANGE = st.one_of(st.integers(-5, 300), st.just(1 << 40), st.text(max_size=3), st.binary(max_size=3))
