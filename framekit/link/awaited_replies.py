@@ -8,11 +8,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
-from framekit.definition.expression import Expression, names_in
+from framekit.definition.expression import Attribute, Expression, Name, names_in
 from framekit.definition.model.frames import parts_of
 from framekit.definition.model.procedure import Role, Row, Sequence, Step
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.segments import Check
+from framekit.definition.model.segments import Check, Segment
 from framekit.definition.model.values import FrameOf
 from framekit.link.values import (
     EVALUATION_ERRORS,
@@ -178,15 +178,40 @@ def is_numbered(step: Step, protocol: Protocol) -> bool:
         for target, value in step.set
         if target.name in protocol.state and isinstance(value, Expression) and target.name in names_in(value.root)
     }
-    numbers = {
-        name
-        for name, value in step.send.fields.items()
-        if isinstance(value, Expression) and names_in(value.root) & counted
-    }
+    numbers = set(_fields_that_read(step.send, counted))
     frames = _waited_for(step.receive or (), protocol)
-    return bool(frames) and all(
-        any(bare_name(source) in numbers for source in protocol.frames[name].echo.values()) for name in frames
-    )
+    return bool(numbers and frames) and all(_repeats_one(name, numbers, protocol) for name in frames)
+
+
+def _fields_that_read(frame: FrameOf, variables: set[str]) -> Iterator[str]:
+    """Yield the fields whose values depend on variables; a field of a frame inside has the path to it as its name."""
+    for name, value in frame.fields.items():
+        if isinstance(value, FrameOf):
+            yield from (f"{name}.{inner}" for inner in _fields_that_read(value, variables))
+        elif isinstance(value, Expression) and names_in(value.root) & variables:
+            yield name
+
+
+def _repeats_one(name: str, fields: set[str], protocol: Protocol) -> bool:
+    """Return whether a reply repeats one of these fields of its request, by itself or in some frame inside.
+
+    Other frames inside are no replies: the device sends them by itself, or because it cannot read a request.
+    """
+    frame = protocol.frames[name]
+    if any(path_of(source) in fields for source in frame.echo.values()):
+        return True
+    inside = {inner for part in parts_of(frame.segments, Segment) for inner in part.frames_inside}
+    return any(path_of(source) in fields for inner in inside for source in protocol.frames[inner].echo.values())
+
+
+def path_of(expression: Expression) -> str | None:
+    """Return the name, or the path `field.field` to a field, if an expression is nothing else."""
+    names: list[str] = []
+    node = expression.root
+    while isinstance(node, Attribute):
+        names.append(node.name)
+        node = node.value
+    return ".".join(reversed([*names, node.name])) if isinstance(node, Name) else None
 
 
 def _waited_for(rows: tuple[Row, ...], protocol: Protocol) -> set[str]:

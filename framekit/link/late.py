@@ -54,7 +54,7 @@ class Doubt:
 
     __slots__ = (
         "asks", "began", "changes", "equal", "extra", "gathers_from", "is_draining", "is_held", "quickest", "reply",
-        "restarts", "result", "since",
+        "restarts", "result", "since", "was_drained",
     )  # fmt: skip
 
     def __init__(self, now: int) -> None:
@@ -77,7 +77,7 @@ class Doubt:
         """Shortest time between a request of the exchange and its reply (ns)."""
         self.extra = 0
         """Time of the last reply that came without a request."""
-        self.is_draining = False
+        self.is_draining = self.was_drained = False
 
     def restart(self, begin: int) -> None:
         """Gather replies again from `begin` on (ns), after a hold or a lost request."""
@@ -453,11 +453,9 @@ class LateReplies:
         """Return whether no reply to an open request is expected any more.
 
         The end of a request is not enough: a device may keep a reply until it is asked again, however long that takes.
-        So the reply to a later request has to be proved first; only after ten minutes no reply is expected at all.
+        So the reply to a later request has to be proved first.
         """
-        if request.ends > now:
-            return False
-        return request.is_passed or now - request.ends >= FORGET or not self.expected.is_single
+        return request.ends <= now and (request.is_passed or not self.expected.is_single)
 
     def _lose(self, requests: list[OpenRequest]) -> None:
         """Drop open requests that no reply came to; a request that is met is not lost."""
@@ -535,7 +533,9 @@ class LateReplies:
         doubt.quickest = min(doubt.quickest, took)
         possible = min(len(others), 1 + 2 * (now - doubt.since) // within)
         if doubt.equal > possible:
-            return self._believe(run, others)
+            self._shift(doubt, others)
+            own = request_of(run, x)
+            return self._believe(run, [one for one in others if not one.is_repeated_by(own)])
         gathered, number = now - doubt.gathers_from, len(doubt.asks)
         if number > 3 and doubt.changes and gathered < within and took <= 2 * doubt.quickest + within // 50:
             return self._believe(run, others)  # the value itself changes; each reply came at its usual time
@@ -569,6 +569,17 @@ class LateReplies:
             one.is_passed = True
         run.doubt = None
         return 0
+
+    def _shift(self, doubt: Doubt, others: list[OpenRequest]) -> None:
+        """Keep the last requests of a proof open for the replies of another content, which answered earlier requests.
+
+        A device that keeps a reply until the next request stays one request behind.
+        """
+        number = min(len(doubt.asks) - doubt.equal, len(others))
+        for one in others[:number]:
+            self.open.remove(one)
+        for request, _ in doubt.asks[len(doubt.asks) - number :]:
+            self._add(request)
 
     def _drain(self, run: Run, doubt: Doubt) -> int:
         """Stop asking until no reply to an open request is expected any more (`silent`)."""
@@ -634,8 +645,13 @@ class LateReplies:
         if end > now:
             self.until = end
             return end
-        self._lose(fitting)
-        run.doubt = None
+        if doubt.was_drained or not fitting:
+            self._lose(fitting)
+            run.doubt = None
+        else:  # a device may keep a reply until it is asked again
+            self._lose(fitting[:-1])
+            doubt.is_draining, doubt.was_drained = False, True
+            doubt.restart(now)
         return 0
 
     def is_endless(self, run: Run) -> bool:

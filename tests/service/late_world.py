@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
+from random import Random
 from typing import Any
 
 from service.stalled_process import Plan, StalledClock, StalledPort
@@ -19,7 +20,7 @@ from service.stalled_process import Plan, StalledClock, StalledPort
 from framekit.definition.load.protocol import load_protocol, load_protocol_text
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import parse_format
-from framekit.link.events import Seen
+from framekit.link.events import CharacterFault, Seen
 from framekit.link.services.client import Done, ServiceClient, Transfer, TransferResult
 from framekit.run.model import FaultPlan, FaultRule
 from framekit.runfile.devices import Device, memory_of
@@ -126,18 +127,57 @@ class OverlappingPort(PassingPort):
         """Ignore the event: the device got it when it wrote."""
 
 
+class KeepingPort(PassingPort):
+    """The port of a device in front of a gateway that keeps some replies until the next request.
+
+    `together`: the kept frames leave with the next reply, else as soon as the next request arrives.
+    """
+
+    def __init__(self, inner: Port, clock: VirtualClock, rate: float, together: bool, random: Random) -> None:
+        super().__init__(inner)
+        self.clock, self.rate, self.together, self.random = clock, rate, together, random
+        self.kept = b""
+        self.is_asked = False
+        """Whether a request has arrived since the first frame was kept."""
+        self.number = 0
+        """How often frames were kept."""
+
+    def write(self, data: bytes) -> None:
+        if self.together and self.kept and self.is_asked:
+            data, self.kept = self.kept + data, b""
+        elif self.kept or self.random.random() < self.rate:
+            self.number += not self.kept
+            self.is_asked = self.is_asked and bool(self.kept)
+            self.kept += data
+            self.clock.call_soon(self._tell)
+            return
+        self.inner.write(data)
+
+    def _tell(self) -> None:
+        if self.events is not None:
+            self.events.sent(self.clock.now())
+
+    def received(self, data: bytes, now: int, faults: tuple[CharacterFault, ...] = ()) -> None:
+        self.is_asked = True
+        if self.kept and not self.together:
+            kept, self.kept = self.kept, b""
+            self.inner.write(kept)
+        super().received(data, now, faults)
+
+
 class LateWorld:
     """One exchange after the other; `wrong` lists the values that differ from the value during their exchange.
 
     `watched`: a monitor gets each record. `lateness`: how late each frame of the device is, independently; with
     `rules` the frames after a late frame wait for it. `stalls`: the process of the client stalls by this plan, from
     the first exchange on; `is_network`: everything it writes has left at once, as on a TCP connection; a read returns
-    at most `room` bytes.
+    at most `room` bytes. `keeps`: a gateway keeps this part of the replies until the next request, see `KeepingPort`.
     """
 
     def __init__(
         self, name: str, *rules: FaultRule, watched: bool = False, seed: int = 1, lateness: Lateness | None = None,
-        stalls: Plan | None = None, reads_first: bool = False, is_network: bool = False, room: int = 64, **params: Any,
+        stalls: Plan | None = None, reads_first: bool = False, is_network: bool = False, room: int = 64,
+        keeps: float = 0, together: bool = False, **params: Any,
     ) -> None:  # fmt: skip
         self.line = line = LINES[name]
         self.clock = VirtualClock()
@@ -153,6 +193,9 @@ class LateWorld:
         port: Port = wire.port("device")
         if lateness is not None:
             port = OverlappingPort(port, self.clock, lateness)
+        self.gateway = KeepingPort(port, self.clock, keeps, together, Random(f"{name} {keeps} {seed}"))
+        if keeps:
+            port = self.gateway
         self.device = DeviceService(device, port, self.clock, settings, store=DeviceStore(device, self.clock, plan))
         self.seen: list[Seen] = []
         self.process = StalledClock(self.clock, stalls or (lambda number: 0), reads_first)

@@ -130,6 +130,48 @@ def test_replies_that_are_kept_until_the_next_one(
     assert glued > 0
 
 
+PAUSES = (0, 5, 30, 700)
+"""Pause after each exchange (s); the last is longer than replies are remembered as late."""
+HELD = list(product(ALIKE, (0.05, 0.3, 1.0), (False, True), (0, 2), PAUSES))
+
+
+def check_held(name: str, rate: float, together: bool, retries: int, pause: int, count: int) -> None:
+    world = LateWorld(name, keeps=rate, together=together, retries=retries, reply_timeout=SECOND)
+    for _ in range(count):
+        world.exchange()
+        world.clock.run_for(pause * SECOND)
+    assert world.wrong == [] and world.gateway.number > 0
+    assert set(world.outcomes) <= {"ok", "no_reply"}
+
+
+@pytest.mark.parametrize(("name", "rate", "together", "retries", "pause"), HELD[::7])
+def test_a_gateway_that_is_one_reply_behind_yields_no_wrong_value(
+    name: str, rate: float, together: bool, retries: int, pause: int
+) -> None:
+    """A proof does not end the doubt: the replies of another content in it answered earlier requests."""
+    check_held(name, rate, together, retries, pause, 160)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ALIKE)
+def test_a_gateway_that_is_one_reply_behind_yields_no_wrong_value_in_many(name: str) -> None:
+    rows = [row for row in HELD if row[0] == name]
+    for row in rows:
+        check_held(*row, max(60, MANY // len(rows)))
+
+
+@pytest.mark.parametrize("together", [False, True])
+@pytest.mark.parametrize(("name", "rate"), [(name, rate) for name in USUAL for rate in (0.05, 0.15)][::3])
+def test_replies_of_procedures_that_a_gateway_keeps_until_the_next_request(
+    name: str, rate: float, together: bool
+) -> None:
+    world = LateWorld(name, keeps=rate, together=together)
+    for number in range(60):
+        world.exchange()
+        world.clock.run_for(number % 3 * 10 * SECOND)
+    assert world.wrong == [] and world.gateway.number > 0
+
+
 def test_a_reply_may_be_later_than_two_reply_times_where_the_line_is_told_so() -> None:
     late = FaultRule(kind="delay", time=3 * 100 * MS, rate=1 / 50)
     world = LateWorld("modbus-rtu", late, retries=0, reply_timeout=100 * MS, late_reply=400 * MS)

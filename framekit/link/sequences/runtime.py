@@ -417,6 +417,9 @@ class Machine:
         """End the run with results, or with `outcome`."""
         if run.state is DONE:
             return
+        first = run.base.x
+        if outcome is not None and run.clock_waits and first.checks_echo and first.last_sent is not None:
+            run.asked = first  # a frame that came before its request has left is no reply to it: that may follow
         if run.asked is not None:
             missed(run)
         if run.doubt is not None:
