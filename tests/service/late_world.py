@@ -91,6 +91,7 @@ LINES = {
     "registers": Line("registers", registers("R1")),
     "modbus-tcp": Line("modbus-tcp", registers("40001"), format=None),
     "melsec-mc-4e": Line("melsec-mc-4e", registers("D100"), format=None),
+    "fins-tcp": Line("fins-tcp", registers("D100"), station=0, format=None),
     "srtp": Line("srtp", registers("R1"), format=None),
     "snp": Line("snp", registers("R1"), "master", "slave", "", "M", "S", 19200, "8O1"),
     "snp-x": Line("snp-x", registers("R1"), "master", "slave", bytes(8), bytes(8), bytes(8), 19200, "8O1"),
