@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
-from framekit.definition.expression import Attribute, Expression, Name, names_in
+from framekit.definition.expression import Attribute, Binary, Expression, Name, names_in
 from framekit.definition.model.frames import parts_of
 from framekit.definition.model.procedure import Role, Row, Sequence, Step
 from framekit.definition.model.protocol import Protocol
@@ -48,8 +48,8 @@ class Replies(NamedTuple):
     """For each exchange its first steps that send, and whether a reply follows."""
     is_single: bool = True
     """Whether each reply is one frame, so that replies can be counted: every step that waits sends a request."""
-    limits: tuple[str, ...] = ()
-    """Names of the parameters that are time limits of the steps."""
+    limits: Mapping[str, str] = {}
+    """Parameters that are time limits of the steps, each with the setting to change; '' if that is not clear."""
     name_stations: bool = False
     """Whether every reply repeats the station of its request."""
     unproven: frozenset[str] = frozenset()
@@ -95,7 +95,7 @@ def replies_of(protocol: Protocol, role: Role | None) -> Replies:
     stations = _stations(asking)
     single = all(step.send is not None for step in steps)
     named = [bare_name(step.within) for step in (*steps, *waiting) if step.within is not None]
-    limits = tuple(dict.fromkeys(name for name in named if name is not None and name in protocol.params))
+    limits = {name: _setting_of(name, protocol) for name in named if name is not None and name in protocol.params}
     name_stations = _name_stations(frames, stations, protocol)
     unproven = frozenset(
         name
@@ -105,6 +105,18 @@ def replies_of(protocol: Protocol, role: Role | None) -> Replies:
     return Replies(
         frames, requests, waits, stations, beginnings, single, limits, name_stations, unproven, all_frames - frames
     )
+
+
+def _setting_of(name: str, protocol: Protocol) -> str:
+    """Return the parameter to set for a time limit: itself, or the first of the sum that gives its value."""
+    formula = protocol.params[name].is_
+    if formula is None:
+        return name
+    node = formula.root
+    while isinstance(node, Binary) and node.operator == "+":
+        node = node.left
+    is_time = isinstance(node, Name) and node.name in protocol.params and protocol.params[node.name].type == "time"
+    return _setting_of(node.name, protocol) if isinstance(node, Name) and is_time else ""
 
 
 def _has_reply(steps: tuple[Beginning, ...], names: Names) -> bool:

@@ -13,6 +13,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from datetime import datetime
 from functools import partial
+from operator import itemgetter
 from typing import Any
 
 from framekit.codec.shown import explain
@@ -37,6 +38,7 @@ from framekit.link.events import (
 )
 from framekit.link.frame_table import ProtocolCodec
 from framekit.link.lanes import Lanes
+from framekit.link.overdue import Latest
 from framekit.link.own_echo import OWN_ECHO, EchoState, OwnEcho, Prove
 from framekit.link.receiver import Receiver
 from framekit.link.reception import OnFrame, Reception
@@ -568,6 +570,8 @@ class Engine:
                 self.machine.show("not_taken", "in", value.raw or b"", value.frame, reason=OWN_ECHO)
             return
         is_awaited = value.frame in self.reception.awaited
+        if late.open or late.numbered.is_watching:
+            late.latest = self._latest()
         found = late.came(value, is_awaited)
         if found is None:
             self._note_unfit(value)
@@ -582,6 +586,13 @@ class Engine:
             self._unsolicited(value, is_late)
         if found is not None and not late.until:
             self.lanes.release()
+
+    def _latest(self) -> Latest:
+        """Return when the last request left that waits for its reply, or whose reply is in doubt, and its exchange."""
+        runs = [run for run in self.machine.order if run.state is RECEIVING or run.state is SILENT]
+        return max(
+            ((run.started, run.top.x) for run in runs if run.top.x.checks_echo), key=itemgetter(0), default=(0, None)
+        )
 
     def _is_own_echo(self, value: FrameValue) -> bool:
         """Return whether a frame has the bytes of the request that a run waits for; its cause says so."""

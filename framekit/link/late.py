@@ -28,7 +28,7 @@ from framekit.link.arrivals import BadFrame
 from framekit.link.awaited_replies import Replies
 from framekit.link.events import Exchange
 from framekit.link.frame_table import FrameTable
-from framekit.link.overdue import HORIZON, LONGEST, MOST_OPEN, NumberedRequests, OpenRequest, request_of
+from framekit.link.overdue import HORIZON, LONGEST, MOST_OPEN, Latest, NumberedRequests, OpenRequest, request_of
 from framekit.link.scope import Scope
 from framekit.link.sequences.state import Run
 from framekit.link.slow import SlowStations, key_of
@@ -92,7 +92,7 @@ class LateReplies:
 
     __slots__ = (
         "_greatest", "_is_stream", "_late", "_scope", "_served", "_table", "ahead", "count", "expected", "heard_until",
-        "items", "last", "lost", "noisy", "numbered", "on_end", "on_wait", "open", "seen_at", "slow",
+        "items", "last", "latest", "lost", "noisy", "numbered", "on_end", "on_wait", "open", "seen_at", "slow",
         "strange_since", "until", "within",
     )  # fmt: skip
 
@@ -121,6 +121,7 @@ class LateReplies:
         """Frames sent without an exchange that wait for the end of the hold."""
         self.slow = SlowStations()
         self.numbered = NumberedRequests(table, self.slow)
+        self.latest: Latest = 0, None
         self.on_wait: Callable[[Any, int], None] = lambda station, until: None
         """Called when a request to a station has to wait for late replies, with the end of the wait (ns)."""
         self.on_end: Callable[[], None] = lambda: None
@@ -367,7 +368,7 @@ class LateReplies:
         can look like is no sign of anything if noise came since the request: the request stays open.
         """
         now = self._scope.now
-        if self.numbered.is_watching and (found := self.numbered.came(value, self.expected.limits, now)) is not None:
+        if self.numbered.is_watching and (found := self._numbered(value, now)) is not None:
             return None if is_awaited else found
         if value.frame not in self.expected.frames and not any(value.frame in one.frames for one in self.open):
             return None
@@ -393,6 +394,10 @@ class LateReplies:
         if more:
             self.until = max(self.until, now + max(more, min(service + service // 4, LONGEST)))
         return found
+
+    def _numbered(self, value: FrameValue, now: int) -> OpenRequest | None:
+        """Return the overdue request whose number a frame has, or None."""
+        return self.numbered.came(value, self.expected.limits, self.latest, now)
 
     def _answered_by(self, reply: FrameValue) -> OpenRequest | None:
         """Return the open request that a late reply closes; None if it fits none.
@@ -429,7 +434,8 @@ class LateReplies:
         if not any(key_of(one.station) == station for one in self.open):
             _, time = self._served.pop(station)
             if time > request.within and not request.by_itself:
-                self.slow.answered_late(request.station, time, request.limit(self.expected.limits), now)
+                limit, is_prompted = request.limit(self.expected.limits), request.is_prompted(self.latest, now)
+                self.slow.answered_late(request.station, time, limit, now, is_prompted=is_prompted)
         for one in self.open:
             one.ends = max(one.ends, now + min(service + service // 4 + one.within, LONGEST))
         return service
@@ -703,6 +709,16 @@ def replied(run: Run) -> None:
     late = run.machine.late
     if asked is not None and (late.open or late.until or late.slow.number or late.numbered.is_watching):
         late.took(run, asked)
+
+
+def expect_reply_to_unsent(run: Run) -> None:
+    """Note that the reply to a request that has not left yet may come, although the exchange fails now.
+
+    A frame that comes before its request has left is no reply to it.
+    """
+    first = run.base.x
+    if run.clock_waits and first.checks_echo and first.last_sent is not None:
+        run.asked = first
 
 
 def is_numbered(run: Run) -> bool:

@@ -24,6 +24,10 @@ MOST_OPEN = 64
 """Upper limit of the number of open requests; the oldest is dropped first."""
 
 
+Latest = tuple[int, Exchange | None]
+"""When the last request left that waits for its reply (ns), and its exchange; 0 and None if none waits."""
+
+
 class OpenRequest:
     """A request whose reply has not come and may still come."""
 
@@ -66,9 +70,16 @@ class OpenRequest:
         sent, again = self.sent, other.sent
         return self.exchange is other.exchange and sent is not None and again is not None and sent.raw == again.raw
 
-    def limit(self, limits: tuple[str, ...]) -> str:
-        """Return the name of the parameter among `limits` that was its time limit."""
-        return next((one for one in limits if self.names.get(one) == self.within), limits[0] if limits else "")
+    def limit(self, limits: Mapping[str, str]) -> str:
+        """Return the name of the setting for its time limit; `limits`: the time limits, see `Replies`."""
+        found = next((one for one in limits if self.names.get(one) == self.within), next(iter(limits), ""))
+        return limits.get(found, "")
+
+    def is_prompted(self, latest: Latest, now: int) -> bool:
+        """Return whether a reply that comes now came with the request of a later exchange, `latest`."""
+        left, exchange = latest
+        is_later = exchange is not self.exchange and left > self.at + self.within
+        return is_later and now - left <= self.within // 8
 
 
 def request_of(run: Run, x: Exchange) -> OpenRequest:
@@ -116,10 +127,10 @@ class NumberedRequests:
             self._slow.answered_in_time(request.station, now)
             self.is_watching = bool(self._requests) or self._slow.number > 0
 
-    def came(self, reply: FrameValue, limits: tuple[str, ...], now: int) -> OpenRequest | None:
+    def came(self, reply: FrameValue, limits: Mapping[str, str], latest: Latest, now: int) -> OpenRequest | None:
         """Return the overdue request that a reply answers, and note its lateness; None if it answers none.
 
-        `limits`: the names of the parameters that are time limits.
+        `limits`: the time limits, see `Replies`.
         """
         fitting = [one for one in self._requests if one.ends > now and one.fits(reply, self._table)]
         if not fitting:
@@ -130,7 +141,9 @@ class NumberedRequests:
         self._last = at
         self._drop([request])
         if at - request.at > request.within:  # else it was given up before
-            self._slow.answered_late(request.station, max(at - begin, request.within), request.limit(limits), now)
+            time = max(at - begin, request.within)
+            is_prompted = request.is_prompted(latest, at)
+            self._slow.answered_late(request.station, time, request.limit(limits), now, is_prompted=is_prompted)
         return request
 
     def clear(self) -> None:

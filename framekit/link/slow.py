@@ -29,6 +29,8 @@ class SlowStation(NamedTuple):
     """Time from the request to the reply (ns)."""
     limit: str
     """Name of the parameter that holds the time limit; empty if none does."""
+    is_kept: bool = False
+    """Whether its replies come only with the next request, so that a longer time limit does not help."""
 
     @property
     def who(self) -> str:
@@ -37,6 +39,9 @@ class SlowStation(NamedTuple):
         return f"station {self.station}" if is_named else "the other side"
 
     def __str__(self) -> str:
+        if self.is_kept:
+            no_help = f"a longer {self.limit or 'time limit'} does not help"
+            return f"{self.who} answers only when it is asked again: {no_help}, a gateway or an adapter keeps replies"
         what = f"set {self.limit} to" if self.limit else "its time limit has to be"
         time, limit = readable_time(rounded(self.time)), readable_time(suggested(self.time))
         return f"{self.who} answers after {time}: {what} {limit} or more"
@@ -71,6 +76,11 @@ class _Advice:
         self.longer: list[int] = []
         """The last times in sequence that are longer than the time of the advice (ns)."""
 
+    def show(self, found: SlowStation) -> None:
+        """Replace the advice by another one, which is reported."""
+        self.found, self.is_shown = found, True
+        self.longer.clear()
+
 
 class SlowStations:
     """The stations of a line that are slow now."""
@@ -82,6 +92,8 @@ class SlowStations:
         A station that is slow again soon after that, for no longer time, is not reported again.
         """
         self._known: dict[Hashable, _Advice] = {}
+        self._prompted: dict[Hashable, int] = {}
+        """For each station the number of late replies in sequence that came with the next request."""
         self.number = 0
         """Number of slow stations."""
 
@@ -90,20 +102,29 @@ class SlowStations:
         """Return the slow stations."""
         return tuple(advice.found for advice in self._known.values() if advice.is_slow)
 
-    def answered_late(self, station: Any, time: int, limit: str, now: int) -> None:
-        """Note a reply that came after `time`, and report it if that is new."""
+    def answered_late(self, station: Any, time: int, limit: str, now: int, *, is_prompted: bool = False) -> None:
+        """Note a reply that came after `time`, and report it if that is new.
+
+        `is_prompted`: it came with the next request. A few such replies in sequence show that they are kept until then.
+        """
         key = key_of(station)
+        prompted = self._prompted[key] = self._prompted.get(key, 0) + 1 if is_prompted else 0
+        found = SlowStation(station, time, limit, prompted >= GROWN)
         advice = self._known.get(key)
         if advice is None or (not advice.is_slow and now - advice.late_at >= REMEMBERED):
-            advice = self._known[key] = _Advice(SlowStation(station, time, limit))
+            if is_prompted and not found.is_kept:
+                return
+            advice = self._known[key] = _Advice(found)
             self.number = len(self.present)
             self.on_change(advice.found, True)
-        elif (time - advice.found.time) * 4 > advice.found.time:
+        elif found.is_kept != advice.found.is_kept:
+            if found.is_kept:
+                advice.show(found)
+                self.on_change(found, True)
+        elif not is_prompted and (time - advice.found.time) * 4 > advice.found.time:
             advice.longer.append(time)
             if len(advice.longer) == GROWN:
-                advice.found = SlowStation(station, min(advice.longer), limit)
-                advice.longer.clear()
-                advice.is_shown = True
+                advice.show(SlowStation(station, min(advice.longer), limit))
                 self.on_change(advice.found, True)
         else:
             advice.longer.clear()

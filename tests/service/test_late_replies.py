@@ -152,6 +152,35 @@ def test_a_gateway_that_is_one_reply_behind_yields_no_wrong_value(
     check_held(name, rate, together, retries, pause, 160)
 
 
+@pytest.mark.parametrize(
+    ("name", "together", "pause"), [("modbus-rtu", True, 0), ("mldp", False, 30), ("modbus-tcp", True, 30)]
+)
+def test_no_longer_time_out_is_advised_for_replies_that_are_kept(name: str, together: bool, pause: int) -> None:
+    more = {"retries": 0} if name in ALIKE else {}
+    world = LateWorld(name, keeps=0.3, together=together, reply_timeout=SECOND, **more)
+    reports: list[str] = []
+    world.service.engine.late.slow.on_change = lambda station, is_slow: reports.append(str(station))
+    for _ in range(60):
+        world.exchange()
+        world.clock.run_for(pause * SECOND)
+    assert reports == [
+        "station 3 answers only when it is asked again: a longer reply_timeout does not help, a gateway or an adapter "
+        "keeps replies"
+    ]
+    assert world.wrong == []
+
+
+def test_the_advice_names_a_parameter_that_can_be_set() -> None:
+    """The time limit of SNP-X is a sum: its first term is the setting."""
+    world = LateWorld("snp-x", lateness=lambda now: 5 * SECOND if now > 10 * SECOND else 0)
+    reports: list[str] = []
+    world.service.engine.late.slow.on_change = lambda station, is_slow: reports.append(str(station))
+    assert world.exchange() == "ok"
+    world.clock.run_until(11 * SECOND)
+    world.exchanges(3)
+    assert reports == ["the other side answers after 5.1 s: set response_timeout to 6 s or more"]
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("name", ALIKE)
 def test_a_gateway_that_is_one_reply_behind_yields_no_wrong_value_in_many(name: str) -> None:

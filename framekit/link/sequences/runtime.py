@@ -32,7 +32,7 @@ from framekit.link.events import (
     outcome_of,
 )
 from framekit.link.frame_table import FrameInfo, FrameTable, announce
-from framekit.link.late import LateReplies, fresh, missed
+from framekit.link.late import LateReplies, expect_reply_to_unsent, fresh, missed
 from framekit.link.output import Output
 from framekit.link.own_echo import OwnEcho
 from framekit.link.receiver import Receiver
@@ -355,6 +355,7 @@ class Machine:
             if type(result) is dict:
                 self.finish(run, None, result)
             else:
+                expect_reply_to_unsent(run)
                 self.finish(run, failure_of(run, level.x, result))
             return None, None
         run.top = caller
@@ -411,15 +412,13 @@ class Machine:
         if run.state is not DONE:
             *_, first = run.calls()
             self._abandon_above(run, first)
+            expect_reply_to_unsent(run)
             self.finish(run, Outcome(False, outcome, run.cause))
 
     def finish(self, run: Run, outcome: Outcome | None, results: dict[str, Any] = NO_RESULTS) -> None:
         """End the run with results, or with `outcome`."""
         if run.state is DONE:
             return
-        first = run.base.x
-        if outcome is not None and run.clock_waits and first.checks_echo and first.last_sent is not None:
-            run.asked = first  # a frame that came before its request has left is no reply to it: that may follow
         if run.asked is not None:
             missed(run)
         if run.doubt is not None:
