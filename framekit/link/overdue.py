@@ -76,10 +76,11 @@ class OpenRequest:
         return limits.get(found, "")
 
     def is_prompted(self, latest: Latest, now: int) -> bool:
-        """Return whether a reply that comes now came with the request of a later exchange, `latest`."""
+        """Return whether a reply that comes now came with the request of a later exchange with the station."""
         left, exchange = latest
-        is_later = exchange is not self.exchange and left > self.at + self.within
-        return is_later and now - left <= self.within // 8
+        if exchange is None or exchange is self.exchange or exchange.station != self.station:
+            return False
+        return left > self.at + self.within and now - left <= self.within // 8
 
 
 def request_of(run: Run, x: Exchange) -> OpenRequest:
