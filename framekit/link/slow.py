@@ -77,7 +77,7 @@ class _Advice:
         """The last times in sequence that are longer than the time of the advice (ns)."""
 
     def show(self, found: SlowStation) -> None:
-        """Replace the advice by another one, which is reported."""
+        """Replace the advice by `found`, which is reported."""
         self.found, self.is_shown = found, True
         self.longer.clear()
 
