@@ -21,7 +21,7 @@ from framekit.cli.common import (
     table,
     tell_error,
 )
-from framekit.codec.functions import candidates, fitting, of_side, reason
+from framekit.codec.functions import candidates, fitting, of_side, other_sides, reason
 from framekit.codec.shown import code_text, shown, with_name
 
 if TYPE_CHECKING:
@@ -98,12 +98,18 @@ def run_decode(arguments: argparse.Namespace) -> int:
     tried = frames_tried(codec, arguments.frame, arguments.side)
     fits, faults = fitting(codec, codec.catalogue, data, tried, names)
     if not fits:
-        tell_error(arguments, "no_frame", reason(faults, data))
+        tell_error(arguments, "no_frame", reason(codec, faults, data, names))
         return 1
+    is_open = arguments.frame is None and arguments.side is None
+    others = [*other_sides(codec, codec.catalogue, data, fits, names)] if is_open else []
     if arguments.json:
-        print_json(as_json(codec, fits, data, names))
+        bad = [{"frame": name, "from": codec.catalogue[name].side, "fault": str(fault)} for name, fault in others]
+        print_json(as_json(codec, fits, data, names) | ({"other_side": bad} if bad else {}))
     else:
         print("\n\n".join(as_text(codec, fit, data, names) for fit in fits))
+        for name, fault in others:
+            side = codec.catalogue[name].side
+            print(f"\nas {name} from the {side} it is bad: {fault} – say who sent it: --from {side}")
     return 0
 
 

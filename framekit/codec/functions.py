@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 import typing
 from _thread import allocate_lock
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import CodeType, ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -116,6 +116,11 @@ class FrameFunctions:
         unknown = (f"{path} is none of its frames; nearest: {fault}" for path, fault in notes.unknown)
         return [*notes.warnings, *unknown]
 
+    def fault_inside(self, frame: str, data: bytes, ctx: Context | None = None) -> FrameError | None:
+        """Return the fault of the nearest candidate for inner bytes that fit none of their frames, None without any."""
+        notes = self.frames[frame].diagnose(data, self.defaults if ctx is None else ctx).notes
+        return notes.unknown[0][1] if notes.unknown else None
+
 
 class FrameFacts(typing.Protocol):
     """The properties of a frame that the search for fitting frames needs."""
@@ -198,14 +203,54 @@ def nearest(faults: list[tuple[str, FrameError]]) -> tuple[str, FrameError] | No
     return max(faults, key=fitness, default=None)
 
 
-def reason(faults: list[tuple[str, FrameError]], data: bytes) -> str:
-    """Return why the bytes are no frame: the fault of the closest frame."""
+MOST_APART = 2
+"""Bytes by which a frame may be too short or too long so that a reading by it is still likely."""
+
+
+def is_nearly_whole(fault: FrameError) -> bool:
+    """Return whether the length alone is wrong, by few bytes: a count disagrees with the bytes that it counts."""
+    numbers = [int(text) for part in (fault.expected, fault.found) for text in part.split() if text.isdecimal()]
+    if fault.cause == "short" and len(numbers) == 2:
+        return numbers[1] > 0 and numbers[0] - numbers[1] <= MOST_APART
+    return fault.cause == "surplus" and bool(numbers) and numbers[-1] <= MOST_APART
+
+
+def other_sides(
+    codec: FrameFunctions, frames: Catalogue, data: bytes, fits: list[Fit], context: Context | None = None
+) -> Iterator[tuple[str, FrameError]]:
+    """Yield the frames of the other side with their faults, if they would fit but for a count within.
+
+    `fits`: the frames that fit.
+    """
+    sides = {frames[fit.frame].side for fit in fits}
+    if len(sides) != 1 or not sides <= {"client", "server"}:
+        return
+    for name in of_side(frames):
+        if frames[name].side == "both" or frames[name].side in sides:
+            continue
+        try:
+            codec.decode(name, data, context)
+        except FrameError:
+            continue
+        fault = codec.fault_inside(name, data, context)
+        if fault is not None and is_nearly_whole(fault):
+            yield name, fault
+
+
+def reason(
+    codec: FrameFunctions, faults: list[tuple[str, FrameError]], data: bytes, context: Context | None = None
+) -> str:
+    """Return why the bytes are no frame: the fault of the closest frame, and a wrong length within."""
     if not data:
         return "there are no bytes to decode"
     best = nearest(faults)
     if best is None:
         return "this protocol has no frames that could be tried"
-    also = f"; also {best[1].also}" if best[1].also is not None else ""
+    other = best[1].also
+    if other is None and best[1].cause == "check":
+        inside = codec.fault_inside(best[0], data, context)
+        other = inside if inside is not None and is_nearly_whole(inside) else None
+    also = f"; also {other}" if other is not None else ""
     return f"no frame fits; nearest is '{best[0]}': {best[1]}{also}"
 
 

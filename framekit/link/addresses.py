@@ -646,16 +646,27 @@ def check_addresses(
     forms: Sequence[AddressForm], areas: Mapping[str, AreaModel], tables: Mapping[str, Table]
 ) -> list[Problem]:
     """Return the conflicts between forms, at most one problem for every pair of forms."""
-    alone = [AddressGrammar([form], areas, tables) for form in forms]
+    alone = [AddressGrammar([form], _areas_of(form, areas), tables) for form in forms]
+    beginnings: dict[str, list[int]] = {}
+    """The forms by the text that they begin with, which is '' for many."""
+    for place, form in enumerate(forms):
+        first = form.parts[0] if form.parts else None
+        beginnings.setdefault(first.text.casefold() if isinstance(first, Literally) else "", []).append(place)
     found: dict[tuple[int, int], Problem] = {}
     for place, grammar in enumerate(alone):
         for meant, text in _texts(forms[place], grammar):
-            for other, reading in enumerate(alone):
-                read = reading.find(text)
+            ends = range(len(text) + 1)
+            for other in sorted({one for end in ends for one in beginnings.get(text[:end].casefold(), ())}):
+                read = alone[other].find(text)
                 pair = (min(place, other), max(place, other))
                 if read is not None and not _agree(meant, read) and pair not in found:
                     found[pair] = _problem(forms, place, other, text, meant, read)
     return list(found.values())
+
+
+def _areas_of(form: AddressForm, areas: Mapping[str, AreaModel]) -> Mapping[str, AreaModel]:
+    """Return the areas whose places a form can name."""
+    return {form.area: areas[form.area]} if isinstance(form.area, str) and form.area in areas else areas
 
 
 def _texts(form: AddressForm, grammar: AddressGrammar) -> Iterator[tuple[Address, str]]:

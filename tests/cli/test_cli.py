@@ -212,6 +212,39 @@ def test_decode_as_json(capsys: pytest.CaptureFixture[str]) -> None:
     assert decoded["fields"]["variables"][0]["name"] == "%MW100"
 
 
+REPLY_WITH_A_WRONG_COUNT = "00 01 00 00 00 06 01 03 04 00 00 0A"
+"""A good request for registers, too: from address 1024 on."""
+
+
+def test_decode_says_that_bytes_are_nearly_a_frame_of_the_other_side(capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, _ = call(capsys, "decode", "modbus-tcp", REPLY_WITH_A_WRONG_COUNT)
+    assert (status, out.splitlines()[0]) == (0, "request_adu")
+    fault = "pdu.read_holding_reply.values at byte 9: short, expected 4 bytes, found 3"
+    note = f"as reply_adu from the server it is bad: {fault} – say who sent it: --from server"
+    assert out.splitlines()[-1] == note
+    found = json.loads(call(capsys, "decode", "modbus-tcp", "--json", REPLY_WITH_A_WRONG_COUNT)[1])
+    assert found["other_side"] == [{"frame": "reply_adu", "from": "server", "fault": fault}]
+    for words in (("--from", "client", REPLY_WITH_A_WRONG_COUNT), ("00 01 00 00 00 06 01 03 00 6B 00 03",)):
+        assert "from the server" not in call(capsys, "decode", "modbus-tcp", *words)[1]
+
+
+@pytest.mark.parametrize(
+    ("count", "fault"),
+    [
+        ("07", "pdu.read_holding_reply.values at byte 3: short, expected 7 bytes, found 6"),
+        ("05", "pdu.read_holding_reply.frame at byte 8: surplus, expected its end, found 1 bytes more"),
+    ],
+)
+def test_decode_names_a_wrong_count_beside_a_wrong_check_code(
+    count: str, fault: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, _, err = call(capsys, "decode", "modbus-rtu", f"11 03 {count} 02 2B 00 00 00 64 C8 BA")
+    assert status == 1
+    assert "nearest is 'reply_adu': check at byte 9" in err
+    assert err.strip().endswith(f"; also {fault}")
+    assert "; also" not in call(capsys, "decode", "modbus-rtu", "11 03 00 6B 00 03 76 88")[2]
+
+
 def test_decode_tells_of_check_codes_that_only_warn(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     file = tmp_path / "lenient.yaml"
     body = "[{field: value, type: u8}, {check: sum8, verify: warn}]"

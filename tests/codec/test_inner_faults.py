@@ -46,7 +46,7 @@ def test_where_no_frame_fits_the_fault_is_that_of_the_frame_read_furthest(data: 
         codec.decode("open", bytes.fromhex(data))
     assert str(caught.value) == fault
     fits, faults = fitting(codec, codec.protocol.frames, bytes.fromhex(data), ["open"])
-    assert (fits, reason(faults, bytes.fromhex(data))) == ([], f"no frame fits; nearest is 'open': {fault}")
+    assert (fits, reason(codec, faults, bytes.fromhex(data))) == ([], f"no frame fits; nearest is 'open': {fault}")
 
 
 def test_bytes_of_known_size_that_are_no_frame_are_kept_and_explained() -> None:

@@ -208,3 +208,37 @@ def test_what_includes_a_layout_that_is_too_large_is_not_read() -> None:
     assert len(error.value.problems) == 1
     calls = {name: called[1] for (_, _, name), called in pstats.Stats(profile).stats.items()}
     assert calls["_number"] < 8 * 4000
+
+
+def rows(count: int) -> str:
+    """Return a definition with this number of services, whose requests differ in a constant."""
+    services = "".join(f"  s{n}: [{{request: {{ASK: {{x: {n}}}}}, reply: {{ANS: {{}}}}}}]\n" for n in range(count))
+    frames = (
+        "{ASK: {group: request, body: [{const: 02}, {field: x, type: u16}]}, ANS: {from: server, body: [{const: 03}]}}"
+    )
+    return f"protocol: many\nextends: standard\ngroups: {{request: {{from: client}}}}\nframes: {frames}\nservices:\n{services}"
+
+
+def forms(count: int) -> str:
+    """Return a definition with this number of areas, each with a form of addresses of its own."""
+    areas = "".join(f"  A{n}: {{unit: word, size: 10}}\n" for n in range(count))
+    addresses = "".join(f'  - {{form: "A{n}.{{start:dec}}", area: A{n}}}\n' for n in range(count))
+    return f"protocol: many\nframes: {{f: {{body: [{{const: 01}}]}}}}\nareas:\n{areas}addresses:\n{addresses}"
+
+
+def wrong_keys(count: int) -> str:
+    """Return a definition with the same mistake in this number of frames."""
+    frames = "".join(f"  F{n}: {{body: [{{const: 02}}], fram: client}}\n" for n in range(count))
+    return f"protocol: many\nframes:\n{frames}"
+
+
+@pytest.mark.parametrize("text", [rows, forms, wrong_keys])
+def test_a_check_of_twice_as_many_parts_is_twice_the_work(text: Any, tmp_path: Path) -> None:
+    path, calls = tmp_path / "many.yaml", []
+    for count in (60, 120, 240):
+        path.write_text(text(count))
+        profile = cProfile.Profile()
+        with profile:
+            check_file(str(path))
+        calls.append(sum(row[1] for row in pstats.Stats(profile).stats.values()))  # type: ignore[attr-defined]
+    assert calls[2] - calls[1] < 2.4 * (calls[1] - calls[0])

@@ -397,12 +397,12 @@ def check_unserved(protocol: Protocol) -> Iterator[Problem]:
     """Report rows whose requests a server reads by an earlier row."""
     if not serves(protocol):
         return
-    above: dict[str, list[ServiceRow]] = {}
+    above: dict[str, _Earlier] = {}
     for row in protocol.service_rows:
         if row.request is None or row.client_only or row.request.frame not in protocol.frames:
             continue
-        earlier = above.setdefault(row.request.frame, [])
-        for one in earlier:
+        earlier = above.setdefault(row.request.frame, _Earlier())
+        for one in earlier.possible(row):
             alike = _Alike(protocol)
             if _takes_all(alike, one, row):  # the first matching row answers
                 if not alike.same or _told(one) != _told(row):
@@ -411,7 +411,44 @@ def check_unserved(protocol: Protocol) -> Iterator[Problem]:
                     what += f"that fits here by the row of {one.service} in line {one.at.line}{where}"
                     yield Problem(row.at, what, REMEDY)
                 break
-        earlier.append(row)
+        earlier.add(row)
+
+
+class _Earlier:
+    """The rows with requests of one frame, by their constants: a row takes only requests with the same constants."""
+
+    def __init__(self) -> None:
+        self._rows: dict[tuple[str, ...], dict[tuple[str | None, ...], list[tuple[int, ServiceRow]]]] = {}
+        """The rows with their numbers, by the names of their constants and by the constants."""
+        self._count = 0
+
+    def add(self, row: ServiceRow) -> None:
+        constants = _constants(row)
+        same = self._rows.setdefault(tuple(constants), {})
+        same.setdefault(tuple(constants.values()), []).append((self._count, row))
+        self._count += 1
+
+    def possible(self, later: ServiceRow) -> list[ServiceRow]:
+        """Return the rows that may take the requests of a later row, in their order."""
+        constants = _constants(later)
+        found = [
+            numbered
+            for names, rows in self._rows.items()
+            for numbered in rows.get(tuple(constants.get(name) for name in names), ())
+        ]
+        return [row for _, row in sorted(found, key=lambda numbered: numbered[0])]
+
+
+def _constants(row: ServiceRow) -> dict[str, str]:
+    """Return fingerprints of the constant fields of a request by name, and of its condition under ''."""
+    fields = {} if row.request is None else row.request.fields
+    found = {
+        name: fingerprint(value)
+        for name, value in sorted(fields.items())
+        if isinstance(value, Expression) and is_constant(value)
+    }
+    when = _when(row)
+    return found if when is None else {"": fingerprint(when), **found}
 
 
 def _takes_all(alike: _Alike, earlier: ServiceRow, later: ServiceRow) -> bool:
