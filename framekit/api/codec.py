@@ -148,7 +148,7 @@ class Protocol:
     def why_not(self, data: bytes) -> str:
         """Return the reason why bytes are no frame, in words; '' if they are one."""
         fits, faults = self._fitting(data, None, None)
-        return "" if fits else reason(faults, data)
+        return "" if fits else reason(self._codec, faults, data, self._scope)
 
     def _fitting(
         self, data: bytes, frame: str | None, sender: str | None
