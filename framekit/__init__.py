@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from framekit.run.block_state import BlockStatus, ErrorCode, Failure
     from framekit.run.points import PointValue
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _HOMES = {
     "api.client": ("AsyncClient", "Client", "aconnect", "connect"),
