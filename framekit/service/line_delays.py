@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from framekit.definition.problems import plural
 from framekit.definition.times import readable_time
+from framekit.link.late import LateReplies
 from framekit.link.slow import SlowStation, key_of, rounded, suggested
 from framekit.run.block_state import BlockState
 from framekit.run.trouble import SECOND, Troubles, TroubleSource
@@ -22,7 +23,7 @@ FULL = 0.9
 LOOK_AGAIN = 10 * SECOND
 """Time between two looks whether a line is overloaded still (ns)."""
 CALM = 60 * SECOND
-"""An overload is over when no value has been too old for this time (ns)."""
+"""An overload is over when it has made no value too old for this time (ns)."""
 
 
 class Demand(NamedTuple):
@@ -77,7 +78,7 @@ class _Overload:
     def __init__(self, source: TroubleSource) -> None:
         self.source = source
         self.needed_at = 0
-        """When a value was last found too old (ns)."""
+        """When a value was last too old because of the measured overload (ns)."""
         self.looks = False
         """Whether a timer runs."""
 
@@ -85,15 +86,14 @@ class _Overload:
 class LineDelays:
     """The slow stations and the overloads of a run.
 
-    `states` returns the blocks of the run, `is_in_step` whether no late reply may come on a channel: else an exchange
-    may have taken longer than usual.
+    `states` returns the blocks of the run, `late_of` the late replies of a channel; None without the channel.
     """
 
     def __init__(
         self, troubles: Troubles, clock: Clock, states: Callable[[], Iterable[BlockState]],
-        is_in_step: Callable[[int], bool],
+        late_of: Callable[[int], LateReplies | None],
     ) -> None:  # fmt: skip
-        self._troubles, self._clock, self._states, self._is_in_step = troubles, clock, states, is_in_step
+        self._troubles, self._clock, self._states, self._late_of = troubles, clock, states, late_of
         self._slow: dict[int, dict[Hashable, TroubleSource]] = {}
         """Troubles of stations that answer after the time limit, by channel and station."""
         self._overloads: dict[int, _Overload] = {}
@@ -121,18 +121,31 @@ class LineDelays:
             source.begins(str(station))
             self.on_explained(channel)
 
+    def forget(self, channel: int) -> None:
+        """End the troubles of a channel that is removed, or made again, without a report."""
+        for source in self._slow.pop(channel, {}).values():
+            source.forget()
+        if (overload := self._overloads.get(channel)) is not None:
+            overload.source.forget()
+
     def explains(self, channel: int) -> bool:
-        """Return whether a trouble of the line explains that its values are too old; report an overload that does."""
-        if any(source.reason for source in self._slow.get(channel, {}).values()):
+        """Return whether a trouble of the line explains that its values are too old; report an overload that does.
+
+        A station that has not answered late for some time explains nothing, and neither does an overload that was not
+        measured for some time.
+        """
+        now, late = self._clock.now(), self._late_of(channel)
+        is_slow = any(source.reason for source in self._slow.get(channel, {}).values())
+        if is_slow and late is not None and late.slow.is_late(now):
             return True
         overload = self._overloads.get(channel)
-        demand = self._demand(channel)
-        if demand is None and (overload is None or not overload.source.reason):
-            return False
+        demand = None if late is None or late.state_at(now) != "in step" else self._demand(channel)
+        if demand is None:
+            return overload is not None and bool(overload.source.reason) and now - overload.needed_at < CALM
         if overload is None:
             source = self._troubles.source(f"channel {channel}", unit="", well="the line keeps up again", is_file=False)
             overload = self._overloads[channel] = _Overload(source)
-        overload.needed_at = self._clock.now()
+        overload.needed_at = now
         if not overload.source.reason:
             overload.source.begins(str(demand))
             self._look_later(channel, overload)
@@ -140,9 +153,10 @@ class LineDelays:
         return True
 
     def _demand(self, channel: int) -> Demand | None:
-        """Return the demand of the lane of a channel that is overloaded; None if no lane is."""
-        if not self._is_in_step(channel):
-            return None
+        """Return the demand of the lane of a channel that is overloaded; None if no lane is.
+
+        The channel is in step: while late replies may come, an exchange may take longer than usual.
+        """
         lanes: dict[Hashable, list[BlockState]] = {}
         for state in self._states():
             if state.block.channel == channel and state.block.job is None:
@@ -158,6 +172,8 @@ class LineDelays:
     def _look(self, channel: int, overload: _Overload) -> None:
         """End an overload when all values have been new enough for some time."""
         overload.looks = False
+        if not overload.source.reason:
+            return
         if self._clock.now() - overload.needed_at >= CALM:
             overload.source.ends()
         else:

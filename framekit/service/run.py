@@ -15,6 +15,7 @@ from typing import TypeVar
 from framekit.definition.model.protocol import Protocol
 from framekit.link.addresses import Address
 from framekit.link.events import Tape
+from framekit.link.late import LateReplies
 from framekit.link.slow import SlowStation
 from framekit.memory.clock_bits import SystemBits
 from framekit.run.block_state import BlockState, BlockStatus, Failure
@@ -193,7 +194,7 @@ class RunService(ChannelOwner):
         host = SinkHost(run.name, clock, self.points, partial(run_status, self))
         self.troubles = Troubles(clock.now)
         self._standstill = Standstill(clock, self.troubles, run.name)
-        self.delays = LineDelays(self.troubles, clock, lambda: self.states.values(), self._is_in_step)
+        self.delays = LineDelays(self.troubles, clock, lambda: self.states.values(), self._late_of)
         self.values = ValueTroubles(self.troubles, clock, self)
         self.delays.on_explained = self.values.explained
         self.points.table.on_quality = self._point_changed
@@ -341,10 +342,10 @@ class RunService(ChannelOwner):
             if state.enabled and state.period and (state.waiting or state.running or state.dead)
         ]
 
-    def _is_in_step(self, channel: int) -> bool:
-        """Return whether no late reply may come on a channel."""
+    def _late_of(self, channel: int) -> LateReplies | None:
+        """Return the late replies of a channel; None if the run has no such channel."""
         at_work = self.channels.get(channel)
-        return at_work is not None and at_work.engine.late.state_at(self.clock.now()) == "in step"
+        return None if at_work is None else at_work.engine.late
 
     def is_explained(self, channel: int) -> bool:
         """Return whether a reported trouble of a channel explains that values are too old."""
@@ -699,6 +700,7 @@ class RunEditor:
             service.jobs.give_up((*edit.blocks.gone, *edit.blocks.changed))
         for number in (*edit.channels.gone, *edit.channels.changed):
             service.close_channel(number)
+            service.delays.forget(number)
         for number in edit.channels.gone:
             scheduler.remove_channel(number)
         for number, made in prepared.channels.items():

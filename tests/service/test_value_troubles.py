@@ -541,3 +541,50 @@ def test_reads_with_different_periods_are_too_many_by_a_factor(tmp_path: Path) -
     world = World(write_line(tmp_path, {1: "", 2: ""}, points, ", speed: 2400"))
     text = "channel 1: 80 reads take 5.0 s of each second: set every: to 5.5 times as much or more"
     assert world.run(300) == [text]
+
+
+def keeps_old(world: World, name: str, seconds: int) -> list[str]:
+    """Report each half second that the value of a point is too old, as the table of points does; return the reports."""
+    point = next(point for point in world.service.run.points if point.name == name)
+    reports: list[str] = []
+    for _ in range(2 * seconds):
+        world.service.values.not_good(point, 1, 2, "stale", "not read for 3 s")
+        reports += world.run(0.5)
+    return reports
+
+
+SLOW_FIRST = {1: "{fault: delay, time: 1500 ms}", 2: ""}
+BOTH = {name: f'address: "40001", station: {station}, every: 20 s' for name, station in (("a", 1), ("b", 2))}
+
+
+def test_the_trouble_of_a_slow_station_ends_with_an_edit_of_its_channel(tmp_path: Path) -> None:
+    """The user follows the advice: the station is measured again with the new time limit."""
+    path = write_line(tmp_path, SLOW_FIRST, BOTH, ", params: {reply_timeout: 1 s, retries: 1}")
+    world = World(path)
+    slow = "channel 1: station 1 answers after 1.5 s: set reply_timeout to 2 s or more"
+    assert world.run(60) == [slow] and world.shown == [slow]
+    path.write_text(path.read_text().replace("reply_timeout: 1 s", "reply_timeout: 2 s"))
+    world.service.edit(load_run(path))
+    world.run(60)
+    assert world.shown == []
+    assert keeps_old(world, "b", 10)[0] == "channel 1, station 2: not read for 3 s – 1 point without a good value (b)"
+
+
+def test_a_slow_station_that_answers_no_longer_explains_no_old_value(tmp_path: Path) -> None:
+    world = World(write_line(tmp_path, SLOW_FIRST, BOTH, ", params: {reply_timeout: 1 s, retries: 1}"))
+    world.run(60)
+    assert keeps_old(world, "b", 10) == [], "a consequence"
+    world.service.enable(next(state.id for state in world.service.states.values() if state.block.name == "a"), False)
+    assert any("not read for 3 s" in text for text in keeps_old(world, "b", 100))
+
+
+def test_an_overload_that_is_over_explains_no_old_value(tmp_path: Path) -> None:
+    places = range(101, 4101, 100)
+    points = {f"p{place}": f'address: "4{place:04}", station: 1, every: 1 s' for place in places}
+    world = World(write_line(tmp_path, {1: ""}, points, ", speed: 2400"))
+    assert len(world.run(100)) == 1
+    for number in list(world.service.states)[:39]:
+        world.service.enable(number, False)
+    reports = keeps_old(world, "p4001", 120)
+    assert any("the line keeps up again" in text for text in reports)
+    assert any("not read for 3 s" in text for text in reports)
