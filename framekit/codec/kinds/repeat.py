@@ -442,25 +442,8 @@ def _read_records(
     fields = Fields(function.names.fresh("item"))
     found = function.local(repeat.name, item.scope)
     inside = _item_scope(item.scope, repeat.name, found, of)
-    least, words = r.static.all(of).least, item_words(repeat)
-    end = count = None
-    if repeat.times == "rest":
-        end = _region_limit(r, after)
-        header = f"while {r.at} < {end}:"
-    elif repeat.times is None:
-        header = "while True:"
-    else:
-        count = _count(r, item, repeat.times)
-        header = f"for _ in range({count}):"
-        if not count.isdigit():
-            place = r.place.text(r.buffer)
-            there = f"len({r.buffer}) - {f'({place})' if ' ' in place else place}"
-            function.mismatch_if(f"{count} * {least} > {there}" if least > 1 else f"{count} > {there}")
-    first = r.place
-    if repeat.path in function.tracked and first.base not in ("", "end"):
-        local = function.names.fresh(f"{repeat.name}_start")
-        function.add(f"{local} = {first.text(r.buffer)}")
-        first = Offset(local, 0)
+    header, count, end = _item_loop(r, item, repeat, r.static.all(of).least, after)
+    first = _list_start(r, repeat)
     function.flush()
     r.settle()
     function.add(f"{found} = []")
@@ -480,7 +463,7 @@ def _read_records(
         if may_be_empty(r.static, repeat):
             begin = function.names.fresh("item_start")
             function.add(f"{begin} = {r.at}")
-        _words_of_item(r, repeat, words, found, count, inside)
+        _words_of_item(r, repeat, item_words(repeat), found, count, inside)
         outside = r.deferred, r.in_item, r.list_end
         filled = repeat.align - 1 if fill and not repeat.between else 0  # the last item may lack its fill bytes
         r.deferred, r.in_item, r.list_end = [], True, f"{end} - {filled}" if filled else end or ""
@@ -504,6 +487,36 @@ def _read_records(
     function.stands(repeat, r.buffer, first, r.place)
     inside.close()
     r.declare(item, repeat.name, found, "list", inside)
+
+
+def _item_loop(
+    r: BufferReader, item: ScopedSegment, repeat: Repeat, least: int, after: tuple[ScopedSegment, ...]
+) -> tuple[str, str | None, str | None]:
+    """Write the locals that bound a list of items of `least` bytes or more.
+
+    Return the header of the loop, the number of items, and the offset of the end; None if the list has no such bound.
+    """
+    if repeat.times == "rest":
+        end = _region_limit(r, after)
+        return f"while {r.at} < {end}:", None, end
+    if repeat.times is None:
+        return "while True:", None, None
+    count = _count(r, item, repeat.times)
+    if not count.isdigit():
+        place = r.place.text(r.buffer)
+        there = f"len({r.buffer}) - {f'({place})' if ' ' in place else place}"
+        r.function.mismatch_if(f"{count} * {least} > {there}" if least > 1 else f"{count} > {there}")
+    return f"for _ in range({count}):", count, None
+
+
+def _list_start(r: BufferReader, repeat: Repeat) -> Offset:
+    """Return the offset of the list, in a local if it is read later and the offset of the reader moves on."""
+    first = r.place
+    if repeat.path not in r.function.tracked or first.base in ("", "end"):
+        return first
+    local = r.function.names.fresh(f"{repeat.name}_start")
+    r.function.add(f"{local} = {first.text(r.buffer)}")
+    return Offset(local, 0)
 
 
 def _words_of_item(
@@ -548,18 +561,11 @@ def _measure_records(
     found = m.set_value(repeat.name, scope, "[]") if repeat.name in m.needed else None
     inside = _item_scope(scope, repeat.name, found or "", of)
     m.paths[id(inside)] = f"{m.path_of(scope)}[{quoted(repeat.name)}][-1]"
-    left = m.names.fresh("left")
     needed = m.needed
     if found is not None or PREVIOUS in words:
         m.needed = needed | names_read(of) | _names_in_items(of)
-    texts = {INDEX: f"{times} - {left}", LAST: f"{left} == 1", PREVIOUS: m.names.fresh("previous")}
-    if repeat.until is not None and INDEX in words:
-        texts[INDEX] = m.names.fresh("index")
-        m.add(f"{texts[INDEX]} = 0")
-    if PREVIOUS in words:
-        m.add(f"{texts[PREVIOUS]} = None")
-    for word in words:
-        inside.entries[word] = _word_entry(word, texts[word] if word == PREVIOUS else f"({texts[word]})", repeat)
+    left = m.names.fresh("left")
+    texts = _begin_words(m, repeat, words, times, left, inside)
     if repeat.until is not None and found is None and _can_be_resumed(m, repeat):
         _resume(m, repeat, after)
     fill = ""
@@ -574,21 +580,8 @@ def _measure_records(
         if repeat.until is not None:
             _want_item(m, least, behind)
         elif least:
-            total = f"{least} * {left}" + (f" + {behind}" if behind else "")
-            with m.out.block(f"if end < at + {least}:"):
-                m.add(f"return end - at - ({total})" if behind else f"return end - at - {total}")
-        before = m.names.fresh("before")
-        if empty:
-            m.add(f"{before} = at")
-        outside, m.anew = m.anew, True
-        finished = m.branch(m.pairs(of, inside), ())
-        ends, m.item_ends = m.item_ends, ""
-        m.anew = outside
-        if finished:
-            raise Finished
-        if empty:
-            with m.out.block(f"if at == {before}:"):
-                m.add("return LOST")
+            _want_all_items(m, least, left, behind)
+        ends = _measure_item(m, m.pairs(of, inside), empty)
         if fill and not repeat.between:
             m.add(fill)
         if found is not None:
@@ -596,14 +589,51 @@ def _measure_records(
         if repeat.until is not None:
             with m.out.block(f"if {ends}:"):
                 m.add("break")
-        if repeat.until is not None and INDEX in words:
-            m.add(f"{texts[INDEX]} += 1")
-        if PREVIOUS in words:
-            m.add(f"{texts[PREVIOUS]} = {_item_text(inside, found or '')}")
+        _next_words(m, repeat, words, texts, _item_text(inside, found or ""))
     m.needed = needed
     if found is not None:
         inside.close()
         scope.entries[repeat.name] = NameEntry(found, "list", inside)
+
+
+def _begin_words(
+    m: MeasureWriter, repeat: Repeat, words: list[str], times: str, left: str, inside: FieldScope
+) -> dict[str, str]:
+    """Declare the item words, and write their values before the first item; return the text of each word."""
+    texts = {INDEX: f"{times} - {left}", LAST: f"{left} == 1", PREVIOUS: m.names.fresh("previous")}
+    if repeat.until is not None and INDEX in words:
+        texts[INDEX] = m.names.fresh("index")
+        m.add(f"{texts[INDEX]} = 0")
+    if PREVIOUS in words:
+        m.add(f"{texts[PREVIOUS]} = None")
+    for word in words:
+        inside.entries[word] = _word_entry(word, texts[word] if word == PREVIOUS else f"({texts[word]})", repeat)
+    return texts
+
+
+def _next_words(m: MeasureWriter, repeat: Repeat, words: list[str], texts: dict[str, str], item: str) -> None:
+    """Write the item words after an item, given the source of its values."""
+    if repeat.until is not None and INDEX in words:
+        m.add(f"{texts[INDEX]} += 1")
+    if PREVIOUS in words:
+        m.add(f"{texts[PREVIOUS]} = {item}")
+
+
+def _measure_item(m: MeasureWriter, item: Pairs, may_be_empty: bool) -> str:
+    """Write the measurement of an item, and return the condition that ends the list; an empty item is an error."""
+    before = m.names.fresh("before")
+    if may_be_empty:
+        m.add(f"{before} = at")
+    outside, m.anew = m.anew, True
+    finished = m.branch(item, ())
+    ends, m.item_ends = m.item_ends, ""
+    m.anew = outside
+    if finished:
+        raise Finished
+    if may_be_empty:
+        with m.out.block(f"if at == {before}:"):
+            m.add("return LOST")
+    return ends
 
 
 def _fill_text(repeat: Repeat, place: str, first: str) -> str:
@@ -616,6 +646,13 @@ def _want_item(m: MeasureWriter, least: int, behind: int) -> None:
     with m.out.block(f"if end < at + {least}:"):
         total = least + behind
         m.add(f"return end - at - {total} if at - start + {total} <= {m.most} else LOST")
+
+
+def _want_all_items(m: MeasureWriter, least: int, left: str, behind: int) -> None:
+    """Write a return unless the next item can be complete. The bytes of all remaining items are requested at once."""
+    total = f"{least} * {left}" + (f" + {behind}" if behind else "")
+    with m.out.block(f"if end < at + {least}:"):
+        m.add(f"return end - at - ({total})" if behind else f"return end - at - {total}")
 
 
 def _can_be_resumed(m: MeasureWriter, repeat: Repeat) -> bool:

@@ -183,11 +183,7 @@ def _pair(static: StaticSizes, frame: Frame, inner: Inner, name: str) -> Pair | 
     if not _ends_alike(static, frame, inner, sizes):
         return None
     around = tuple(segment for segment in frame.segments if segment is not inner)
-    if names_of(around) & names_of(inside) or {inner.name, name} & (names_of(around) | names_of(inside)):
-        return None
-    if names_read(around) & (names_of(inside) | {inner.name}) or names_read(inside) & (names_of(around) | {inner.name}):
-        return None
-    if any(isinstance(segment, Check) and inner.name in segment.edges for segment in everything(around)):
+    if {inner.name, name} & (names_of(around) | names_of(inside)) or not _are_independent(around, inside, inner):
         return None
     parts = tuple(segment.name for segment in inside if segment.name and segment.takes_bytes)
     lists = (
@@ -198,6 +194,15 @@ def _pair(static: StaticSizes, frame: Frame, inner: Inner, name: str) -> Pair | 
     fused = static.segments(replace(frame, head=head, body=body, tail=tail))
     # conditions come last, so that they do not separate fields that one struct can read
     return Pair(inner, name, inside, tuple(sorted(fused, key=lambda segment: segment.condition is not None)))
+
+
+def _are_independent(around: tuple[Segment, ...], inside: tuple[Segment, ...], inner: Inner) -> bool:
+    """Return whether a frame and its inner frame share no names, and neither reads or covers values of the other."""
+    if names_of(around) & names_of(inside):
+        return False
+    if names_read(around) & (names_of(inside) | {inner.name}) or names_read(inside) & (names_of(around) | {inner.name}):
+        return False
+    return not any(isinstance(segment, Check) and inner.name in segment.edges for segment in everything(around))
 
 
 def _ends_alike(static: StaticSizes, frame: Frame, inner: Inner, sizes: Sizes) -> bool:

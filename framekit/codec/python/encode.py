@@ -122,6 +122,20 @@ Number = Field | Length | Count | Bits
 """The segments that hold a number."""
 
 
+@dataclass(slots=True)
+class _Region:
+    """The bytes of a list of segments while they are written."""
+
+    buffer: str
+    """The local for all bytes so far."""
+    before: str
+    """The source of the bytes before the region, which checks may cover."""
+    texts: list[str] = field(default_factory=list)
+    """The source of each part."""
+    waiting: list[Waiting] = field(default_factory=list)
+    """The check codes that cover later bytes."""
+
+
 class _Ended(NamedTuple):
     """A text that ends before one of several bytes, with the locals of the bytes that follow it."""
 
@@ -816,52 +830,73 @@ class EncodeWriter(FunctionWriter):
         other bytes surround the segments, so that the byte after a text shows whether the text ends there.
         """
         placed = self.placed(segments, scope)
-        texts: list[str] = []
-        waiting: list[Waiting] = []
+        region = _Region(buffer, before)
         ended: list[_Ended] = []
         apart = [at for at, (one, _) in enumerate(placed) if any(one is mark for mark in tail or ())]
         place = 0
         while place < len(placed):
             segment, inside = placed[place]
-            count = 1
-            if tail is not None and segment is tail[1]:
-                texts = [self.gather(texts, buffer)] if texts else []
-                self.add(f"body_start = {f'len({buffer})' if texts else 0}")
-            if tail is not None and segment is tail[0]:
-                texts = [self.gather(texts, buffer)]
-                self._keep_apart(buffer, tail[0], str(tail[1]) if isinstance(tail[1], int) else "body_start")
-            if isinstance(segment, Check) and covers_later(segment, self.segments):
-                texts.append(f"<{segment.path}>")
-                waiting.append((texts[-1], segment, inside))
-                self.postponed.add(segment.path)
-            elif isinstance(segment, Check):
-                self._settle(waiting, texts, segment)
-                if segment.path in self.coverage.whole:
-                    texts = [self.gather(texts, buffer)] if texts else []
-                texts.append(self._kept(placed[place : place + 1], self._check(segment, inside, [before, *texts])))
-            elif isinstance(segment, Fill):
-                texts = [self._filled(segment, placed[place + 1 :], texts, buffer)]
-            elif segment.path in self.late:
-                texts = [self.gather(texts, buffer)] if texts else []
-                texts.append(self._ended(segment, self._late(segment, [before, *texts])))
-                self._keep((segment,), texts[-1])
-            else:
-                end = next((one for one in apart if one > place), len(placed))
-                count = self.length_of_run(placed[place:end])
-                texts.append(self._kept(placed[place : place + count], self.run(placed[place : place + count])))
+            if tail is not None:
+                self._delimit(region, segment, *tail)
+            end = next((one for one in apart if one > place), len(placed))
+            count = self._add_bytes(region, placed[place:], end - place)
             if ended:
-                self._follows(ended, texts, any(self.static.of(one).least for one, _ in placed[place : place + count]))
+                is_surely_there = any(self.static.of(one).least for one, _ in placed[place : place + count])
+                self._follows(ended, region.texts, is_surely_there)
             if is_whole and count == 1 and self._may_go_on(segment, placed[place + 1 :]):
                 ended.append(_Ended(segment, inside, []))
             place += count
         self._refuse_open(ended)
+        self._work_out_all(region)
+        return sum_of(region.texts)
+
+    def _delimit(self, region: _Region, segment: Segment, mark: Const, start: int | Segment) -> None:
+        """Write the offset of a delimited body before its first segment, and the check of the body before its end."""
+        if segment is start:
+            self._gather_all(region)
+            self.add(f"body_start = {f'len({region.buffer})' if region.texts else 0}")
+        if segment is mark:
+            region.texts = [self.gather(region.texts, region.buffer)]
+            self._keep_apart(region.buffer, mark, str(start) if isinstance(start, int) else "body_start")
+
+    def _add_bytes(self, region: _Region, placed: list[Placed], most: int) -> int:
+        """Add the bytes of the first segments to a region, at most `most`; return how many segments were added."""
+        segment, scope = placed[0]
+        if isinstance(segment, Check) and covers_later(segment, self.segments):
+            region.texts.append(f"<{segment.path}>")
+            region.waiting.append((region.texts[-1], segment, scope))
+            self.postponed.add(segment.path)
+        elif isinstance(segment, Check):
+            self._settle(region.waiting, region.texts, segment)
+            if segment.path in self.coverage.whole:
+                self._gather_all(region)
+            region.texts.append(self._kept(placed[:1], self._check(segment, scope, [region.before, *region.texts])))
+        elif isinstance(segment, Fill):
+            region.texts = [self._filled(segment, placed[1:], region.texts, region.buffer)]
+        elif segment.path in self.late:
+            self._gather_all(region)
+            region.texts.append(self._ended(segment, self._late(segment, [region.before, *region.texts])))
+            self._keep((segment,), region.texts[-1])
+        else:
+            run = placed[: self.length_of_run(placed[:most])]
+            region.texts.append(self._kept(run, self.run(run)))
+            return len(run)
+        return 1
+
+    def _gather_all(self, region: _Region) -> None:
+        """Write the assignment of all bytes of a region so far to the local of its buffer."""
+        if region.texts:
+            region.texts = [self.gather(region.texts, region.buffer)]
+
+    def _work_out_all(self, region: _Region) -> None:
+        """Insert the postponed check codes, in an order in which each covers only known bytes."""
+        waiting = region.waiting
         while waiting:
             others = {check.path for _, check, _ in waiting}
             ready = next((one for one in waiting if others.isdisjoint(self.coverage.paths(one[1]) or ())), None)
-            if ready is None or ready[0] not in texts:
+            if ready is None or ready[0] not in region.texts:
                 raise _covered_itself((ready or waiting[0])[1])
-            self._work_out(ready, waiting, texts)
-        return sum_of(texts)
+            self._work_out(ready, waiting, region.texts)
 
     def _may_go_on(self, segment: Segment, behind: list[Placed]) -> bool:
         """Return whether the bytes after a text may begin with a byte that does not end the text."""

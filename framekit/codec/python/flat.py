@@ -450,12 +450,8 @@ class Parameters:
                 default = self._default_of(segment) if is_certain else LEFT_OUT
                 annotation = _type(segment.type) if segment.values is None else "int | str"
                 yield Keyword("", name, 0, default, annotation, _note_of(segment))
-            case Bits(parts=parts):
-                for part in parts:
-                    if part.is_ is None and (part.constants is None or len(part.constants) > 1):
-                        default = self._default_of_bits(part) if is_certain else LEFT_OUT
-                        annotation = "int" if part.values is None else "int | str"
-                        yield Keyword("", part.name, 0, default, annotation, _names(part.values))
+            case Bits():
+                yield from self._of_bits(segment, is_certain)
             case Data(name=name, pad=pad):
                 default = LEFT_OUT if not is_certain else None if pad is None else 'b""'
                 yield Keyword("", name, 0, default, "bytes", segment.doc)
@@ -473,6 +469,13 @@ class Parameters:
                 yield Keyword("", name, 0, LEFT_OUT, "Mapping[str, Any]", segment.doc)
             case Value(name=name) if segment.build is not None or _is_given(name, segments):
                 yield Keyword("", name, 0, LEFT_OUT, "Any", segment.doc)
+
+    def _of_bits(self, bits: Bits, is_certain: bool) -> Iterator[Keyword]:
+        for part in bits.parts:
+            if part.is_ is None and (part.constants is None or len(part.constants) > 1):
+                default = self._default_of_bits(part) if is_certain else LEFT_OUT
+                annotation = "int" if part.values is None else "int | str"
+                yield Keyword("", part.name, 0, default, annotation, _names(part.values))
 
     def _default_of(self, item: Field) -> str | None:
         if item.constants is not None:

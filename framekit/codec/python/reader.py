@@ -482,13 +482,7 @@ class BufferReader:
         first, last = chunks.index(wanted[0]), chunks.index(wanted[-1])
         place = base.plus(sum(chunk.size for chunk in chunks[:first]))
         if len(wanted) == 1 and wanted[0].code[-1] in "Bs":
-            size = wanted[0].size
-            is_byte = wanted[0].code == "B"
-            text = index(self.buffer, place) if is_byte else between(self.buffer, place, place.plus(size))
-            if len(wanted[0].slots) == 1:
-                wanted[0].slots[0].source = text
-            else:
-                wanted[0].local = text
+            self._slice(wanted[0], place)
             return False
         exact = whole and base == START
         if not exact and self._single_bytes(chunks, wanted, base):
@@ -504,6 +498,15 @@ class BufferReader:
         behind = "" if exact or offset == "0" else f", {place.offset if place.base == 'end' else offset}"
         self.function.add(f"{targets} = {constant}.unpack{'' if exact else '_from'}({self.buffer}{behind})")
         return exact
+
+    def _slice(self, chunk: Chunk, place: Offset) -> None:
+        """Read the only value at an offset, a byte or bytes, by index or slice."""
+        is_byte = chunk.code == "B"
+        text = index(self.buffer, place) if is_byte else between(self.buffer, place, place.plus(chunk.size))
+        if len(chunk.slots) == 1:
+            chunk.slots[0].source = text
+        else:
+            chunk.local = text
 
     def _single_bytes(self, chunks: list[Chunk], wanted: list[Chunk], base: Offset) -> bool:
         """Read single bytes by index if they are few and at fixed offsets; return whether they are."""

@@ -102,9 +102,11 @@ def broken(line: str) -> list[str]:
         rows = _packed(targets[2].split(", "), targets[1])
         return [f"{targets[1]}(", *rows, *broken(f"{targets[1]}){targets[3]}")]
     brackets = _outermost(line)
-    if brackets is None:
-        return [line]
-    opening, closing = brackets
+    return [line] if brackets is None else _with_broken_brackets(line, *brackets)
+
+
+def _with_broken_brackets(line: str, opening: int, closing: int) -> list[str]:
+    """Return the line with the content of the brackets at two offsets on separate lines."""
     indent = line[: len(line) - len(line.lstrip())]
     items = [item.strip() for item in _split(line[opening + 1 : closing], ",")]
     is_tuple = len(items) > 1 or line[opening + 1 : closing].rstrip().endswith(",")
