@@ -80,31 +80,46 @@ def replies_of(protocol: Protocol, role: Role | None) -> Replies:
     sequences = list(protocol.called_from(run))
     waiting = [step for sequence in sequences for step in sequence.steps if step.receive]
     steps = [step for step in waiting if not is_numbered(step, protocol)]
-    frames = frozenset(name for step in steps for name in _waited_for(step.receive or (), protocol))
-    all_frames = frozenset(name for step in waiting for name in _waited_for(step.receive or (), protocol))
-    asking = [
-        row.request
-        for row in protocol.service_rows
-        if row.request is not None and any(reply.frame and reply.frame.frame in frames for reply in row.reply)
-    ]
-    asking += [carrier for one in sequences for carrier in _carriers(one, steps)]
-    requests = frozenset(one.frame for one in asking)
-    waits = tuple(wait for step in steps if (wait := compile_optional(step.within)) is not None)
+    frames = _frames_of(steps, protocol)
+    asking = [*_requests(frames, protocol), *(carrier for one in sequences for carrier in _carriers(one, steps))]
     exchanges = [protocol.sequences[name] for lane in role.lanes for name in lane.exchange]
-    beginnings = tuple(tuple(_beginnings(sequence)) for sequence in exchanges)
     stations = _stations(asking)
-    single = all(step.send is not None for step in steps)
-    named = [bare_name(step.within) for step in (*steps, *waiting) if step.within is not None]
-    limits = {name: _setting_of(name, protocol) for name in named if name is not None and name in protocol.params}
-    name_stations = _name_stations(frames, stations, protocol)
-    unproven = frozenset(
-        name
-        for name in frames
-        if not protocol.frames[name].echo and not any(parts_of(protocol.frames[name].segments, Check))
-    )
     return Replies(
-        frames, requests, waits, stations, beginnings, single, limits, name_stations, unproven, all_frames - frames
+        frames,
+        requests=frozenset(one.frame for one in asking),
+        waits=tuple(wait for step in steps if (wait := compile_optional(step.within)) is not None),
+        stations=stations,
+        beginnings=tuple(tuple(_beginnings(sequence)) for sequence in exchanges),
+        is_single=all(step.send is not None for step in steps),
+        limits=_limits([*steps, *waiting], protocol),
+        name_stations=_name_stations(frames, stations, protocol),
+        unproven=frozenset(name for name in frames if _is_unproven(name, protocol)),
+        numbered=_frames_of(waiting, protocol) - frames,
     )
+
+
+def _frames_of(steps: list[Step], protocol: Protocol) -> frozenset[str]:
+    """Return the frames that steps wait for."""
+    return frozenset(name for step in steps for name in _waited_for(step.receive or (), protocol))
+
+
+def _requests(replies: frozenset[str], protocol: Protocol) -> Iterator[FrameOf]:
+    """Yield the requests of the service rows that are answered with one of these replies."""
+    for row in protocol.service_rows:
+        if row.request is not None and any(reply.frame and reply.frame.frame in replies for reply in row.reply):
+            yield row.request
+
+
+def _limits(steps: list[Step], protocol: Protocol) -> dict[str, str]:
+    """Return the parameters that are time limits of steps, each with the setting to change."""
+    named = [bare_name(step.within) for step in steps if step.within is not None]
+    return {name: _setting_of(name, protocol) for name in named if name is not None and name in protocol.params}
+
+
+def _is_unproven(name: str, protocol: Protocol) -> bool:
+    """Return whether a reply has no check code and repeats no field of its request."""
+    frame = protocol.frames[name]
+    return not frame.echo and not any(parts_of(frame.segments, Check))
 
 
 def _setting_of(name: str, protocol: Protocol) -> str:

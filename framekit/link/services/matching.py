@@ -537,25 +537,13 @@ class RowWriter:
 
     def _complete(self, level: WriterLevel, place: str) -> None:
         """Write start, count, sizes and data of a place."""
-        values, fixed = level.values, self.writer.given(place)
+        values = level.values
         otherwise = str(only_start(self.shared.protocol.addresses, self.row.areas) or 0)
-        self.let(level, "start", f"int({values['start']})" if "start" in values else otherwise)
-        if isinstance(fixed, AreaUnit):
-            packer = self.writer.object(self.facts.packers[fixed.unit])
-            unit = fixed.unit
-            self.let(level, "unit", repr(unit))
-        else:
-            packer, unit = self.variable(), None
-            self.out.add(f"{packer} = packers[{self.let(level, 'unit', f'{place}.unit')}]")
-        start, data = values["start"], values.get("data")
-        if "count" not in values and data is None and "bits" in self.back:
-            self.let(level, "count", f"len({values['bits']})")
-        numbers = self._numbers_sent(level) if data is None and self.row.service == "write" else None
-        if "count" not in values and numbers is not None:
-            self.let(level, "count", f"len({numbers})")
+        start = self.let(level, "start", f"int({values['start']})" if "start" in values else otherwise)
+        packer, unit = self._packer(level, place)
+        numbers = self._numbers_sent(level)
         if "count" not in values:
-            size = values.get("bytes") or (None if data is None else f"len({data})")
-            self.let(level, "count", "1" if size is None else f"{packer}.count_in({start}, int({size}))")
+            self.let(level, "count", self._count(level, packer, numbers))
         count = self.let(level, "count", f"int({values['count']})")
         with self.out.block(f"if {start} < 0 or {count} < 0:"):
             self.out.add(f"cannot_be({place}, {start}, {count})")
@@ -565,28 +553,57 @@ class RowWriter:
             self.let(level, "element_bytes", f"max(1, {packer}.bits // 8)")
         if "total" not in values:
             level.put("total", count)
+        if self._put_memory(level, place, packer, numbers) and (not self.inline or "bits" in self.mentioned):
+            self._put_bits(level, place, unit)
+
+    def _packer(self, level: WriterLevel, place: str) -> tuple[str, str | None]:
+        """Write the unit of a place; return the source of its packer, and the unit if it is fixed."""
+        fixed = self.writer.given(place)
+        if isinstance(fixed, AreaUnit):
+            packer = self.writer.object(self.facts.packers[fixed.unit])
+            self.let(level, "unit", repr(fixed.unit))
+            return packer, fixed.unit
+        packer = self.variable()
+        self.out.add(f"{packer} = packers[{self.let(level, 'unit', f'{place}.unit')}]")
+        return packer, None
+
+    def _count(self, level: WriterLevel, packer: str, numbers: str | None) -> str:
+        """Return the source of the count of a request without a count: it follows from the data, else it is 1."""
+        values, data = level.values, level.values.get("data")
+        if data is None and "bits" in self.back:
+            return f"len({values['bits']})"
+        if numbers is not None:
+            return f"len({numbers})"
+        size = values.get("bytes") or (None if data is None else f"len({data})")
+        return "1" if size is None else f"{packer}.count_in({values['start']}, int({size}))"
+
+    def _put_memory(self, level: WriterLevel, place: str, packer: str, numbers: str | None) -> bool:
+        """Write the memory of a place from the data, bits or numbers of a request; return whether it has any."""
+        values, start, count = level.values, level.values["start"], level.values["count"]
+        data = values.get("data")
         if data is not None:
             data = self.let(level, "data", f"{data}[:{values['bytes']}]") if level.padded else data
-            level.memory = self.variable()
-            self.out.add(f"{level.memory} = {packer}.to_memory({data}, {start}, {count})")
+            text = f"{packer}.to_memory({data}, {start}, {count})"
         elif "bits" in self.back:
-            level.memory = self.variable()
-            self.out.add(f"{level.memory} = memory_of({values['bits']}, 'bit')")
-            self.let(level, "data", f"{packer}.to_data({level.memory}, {start}, {count})")
+            text = f"memory_of({values['bits']}, 'bit')"
         elif numbers is not None:
-            level.memory = self.variable()
-            self.out.add(
-                f"{level.memory} = numbers_there({numbers}, {count}, {place}.unit, {self._type(level, place)})"
-            )
+            text = f"numbers_there({numbers}, {count}, {place}.unit, {self._type(level, place)})"
         else:
-            return
-        if self.inline and "bits" not in self.mentioned:
-            return
+            return False
+        level.memory = self.variable()
+        self.out.add(f"{level.memory} = {text}")
+        if data is None and "bits" in self.back:
+            self.let(level, "data", f"{packer}.to_data({level.memory}, {start}, {count})")
+        return True
+
+    def _put_bits(self, level: WriterLevel, place: str, unit: str | None) -> None:
+        """Write the bits in the memory of a place of bits; `unit`: None if only the request shows the unit."""
+        values = f"values_of({level.memory}, 'bit', {level.values['count']})"
         if unit == "bit":
-            self.let(level, "bits", f"values_of({level.memory}, 'bit', {count})")
+            self.let(level, "bits", values)
         elif unit is None:
-            otherwise = values.get("bits", "None")
-            self.let(level, "bits", f"values_of({level.memory}, 'bit', {count}) if {place}.bits == 1 else {otherwise}")
+            otherwise = level.values.get("bits", "None")
+            self.let(level, "bits", f"{values} if {place}.bits == 1 else {otherwise}")
 
     @staticmethod
     def _type(level: WriterLevel, place: str) -> str:
@@ -594,7 +611,9 @@ class RowWriter:
         return level.type or f"{place}.type"
 
     def _numbers_sent(self, level: WriterLevel) -> str | None:
-        """Return the numbers of a write, if the request has numbers."""
+        """Return the numbers of a write, if the request has numbers instead of data."""
+        if "data" in level.values or self.row.service != "write":
+            return None
         if "values" in level.values:
             return level.values["values"]
         return f"[{level.values['value']}]" if "value" in level.values else None
