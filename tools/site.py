@@ -33,6 +33,7 @@ SECTIONS: dict[str, list[str]] = {
     "Devices and lines": [
         "docs/run-files.md", "docs/run-memory.md", "docs/run-commands.md", "docs/run-stations.md", "docs/run-edits.md",
         "docs/servers.md", "docs/behave.md", "docs/lines.md", "docs/modems.md", "docs/faults.md", "docs/jobs.md",
+        "docs/slow-devices.md", "docs/own-echo.md",
         "docs/diagnosis.md", "docs/captures.md", "docs/unknown.md", "docs/guess.md", "docs/guess-details.md",
         "docs/web.md", "docs/exposing.md", "docs/systems.md",
     ],
@@ -49,7 +50,8 @@ SECTIONS: dict[str, list[str]] = {
     ],
     "How it works": [
         "docs/architecture.md", "docs/receiver.md", "docs/performance.md", "docs/internals/performance.md",
-        "docs/internals/frames.md", "docs/internals/receiver.md", "docs/internals/engine.md", "docs/internals/speed.md",
+        "docs/internals/frames.md", "docs/internals/receiver.md", "docs/internals/engine.md",
+        "docs/internals/late-replies.md", "docs/internals/speed.md",
         "docs/internals/guess.md", "docs/internals/tests.md", "docs/extending.md",
         "docs/extending-ports.md", "docs/extending-values.md", "CONTRIBUTING.md",
     ],
