@@ -311,7 +311,7 @@ def test_client_and_server_talk_over_a_bad_line() -> None:
     one, other = client(retries=5), server()
     for place in range(6):
         one.ask(get(place), expected=("got",))
-    connect(one, other, 60 * SECOND, damage)
+    connect(one, other, 120 * SECOND, damage)
     assert [outcome.reply.fields["value"] for outcome in one.outcomes if outcome.reply] == [1, 2, 3, 4, 5, 6]
 
 
