@@ -38,6 +38,11 @@ from framekit.definition.sources import Sources, current_cache, definition_file,
 from framekit.definition.tree import words_in
 
 T = TypeVar("T")
+SECTIONS_OF_NAMES = (
+    "checks", "tables", "params", "state", "queues", "layouts", "groups", "frames", "sequences", "roles",
+    "sessions",
+)  # fmt: skip
+"""Sections whose names other sections use."""
 
 
 class ProtocolLoader:
@@ -57,7 +62,8 @@ class ProtocolLoader:
         """What could be read of parts with errors, after `load`."""
 
     def load(self) -> Protocol:
-        """Return the protocol as far as it could be read."""
+        """Return the protocol as far as it could be read. Raise Broken if a whole section of names is none."""
+        self._require_sections()
         frames = self.frames.load_all()
         groups = self.frames.load_groups()
         procedure = self.procedure
@@ -102,6 +108,15 @@ class ProtocolLoader:
             probe=None if self._own("probe") is None else self._section(Probe, "probe"),
             warnings=(),
         )
+
+    def _require_sections(self) -> None:
+        """Raise Broken if the schema refuses the shape of a section of names: each reference would be reported."""
+        problems = self.reader.problems
+        for root in (source.root for source in (self.source, self.source.application) if source is not None):
+            for key in SECTIONS_OF_NAMES:
+                node = root.get(key)
+                if node is not None and not isinstance(node, MappingNode) and any(not one.warning for one in problems):
+                    raise Broken(key)
 
     def _compared(
         self,

@@ -29,11 +29,13 @@ from framekit.definition.keys import (
     ref,
     words,
 )
+from framekit.definition.load.reader import Broken
 from framekit.definition.model.values import FrameOf, Value
 from framekit.definition.problems import Position, did_you_mean
 from framekit.definition.times import parse_format
 from framekit.definition.tree import Entry, Node, Scalar
 from framekit.definition.tree import Mapping as Keys
+from framekit.definition.tree import Sequence as Items
 
 HANDLERS = {
     "on_timeout": "When a time limit has run out; default: fail.",
@@ -64,7 +66,16 @@ SENT = Form(here("sent"), lambda r, node: r.loader.sent(node))
 PUTS = Form(here("put"), lambda r, node: r.loader.puts(node))
 ROWS = Form(here("rows"), lambda r, node: r.loader.rows(node))
 ACTION = Form(here("action"), lambda r, node: r.loader.action(node))
-ACTIONS = Form({"type": "array", "minItems": 1, "items": here("action")}, lambda r, node: r.loader.actions(node))
+
+
+def _actions(reading: KeyReading, node: Node) -> tuple[Action, ...]:
+    """Read a list of actions; raise Broken if it is none, which the schema reports."""
+    if not isinstance(node, Items):
+        raise Broken("the schema has reported it")
+    return reading.loader.actions(node)  # type: ignore[no-any-return]
+
+
+ACTIONS = Form({"type": "array", "minItems": 1, "items": here("action")}, _actions)
 STORES = Form({"type": "object", "additionalProperties": ref("address")}, lambda r, node: r.loader.stores(node))
 
 
