@@ -39,7 +39,7 @@ class UnusableReplies:
             self._checks += 1
             self._detail = f"{WRONG_CHECK} (expected {bad.expected}, found {bad.found})"
         else:
-            self._detail = f"{bad.frame}: {bad.message}"
+            self._detail = f"{bad.frame}: {bad.message or _described(bad)}"
 
     def add_unfit(self, frame: str, difference: str) -> None:
         """Note a good frame that does not repeat the request; `difference`: `station is 8, not 7`."""
@@ -55,3 +55,10 @@ class UnusableReplies:
 
     def _arrived(self) -> str:
         return f"{self.count} replies arrived" if self.count > 1 else "a reply arrived"
+
+
+def _described(bad: BadFrame) -> str:
+    """Return the fault of a frame without a message: `parity, found a damaged character`."""
+    expected = f"expected {bad.expected}" if bad.expected else ""
+    found = f"found {bad.found}" if bad.found else ""
+    return ", ".join(filter(None, (bad.cause.replace("_", " "), expected, found)))

@@ -101,7 +101,9 @@ class Trouble:
         return _loss(self.lost, self.unit, self.points)
 
     def __str__(self) -> str:
-        return f"{self.name}: {', '.join(filter(None, (self.reason, self.loss)))}"
+        is_waited_for = self.waiting and self.reason
+        wait = f"{plural(self.waiting, 'sample')} {'waits' if self.waiting == 1 else 'wait'}" if is_waited_for else ""
+        return f"{self.name}: {', '.join(filter(None, (self.reason, wait, self.loss)))}"
 
 
 def _loss(number: int, unit: str, points: Mapping[str, int]) -> str:

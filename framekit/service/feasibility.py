@@ -54,6 +54,7 @@ def cycle_starts(cycles: Sequence[Cycle]) -> dict[tuple[int, int], tuple[float, 
         return {}
     play = _Play(cycles)
     once = math.lcm(*(period for _, period, _ in cycles))
+    once *= max(1, math.ceil(sum(duration for *_, duration in cycles) / once))  # each block has its turn in it
     began = play.until(once, MOST_EXCHANGES // 4)
     before = {number: (state.started, state.overruns) for number, state in play.scheduler.states.items()}
     lasted = play.until((1 + ROUNDS) * once, MOST_EXCHANGES) - began
@@ -62,7 +63,7 @@ def cycle_starts(cycles: Sequence[Cycle]) -> dict[tuple[int, int], tuple[float, 
         state = play.scheduler.states[block.id]
         started, missed = state.started - before[block.id][0], state.overruns - before[block.id][1]
         follows = not any(trigger.is_cycle for trigger in state.block.triggers)
-        reached = lasted / started if started and (missed or follows) else float(period)
+        reached = lasted / max(1, started) if missed or (started and follows) else float(period)
         found[block.set, block.number] = (max(reached, float(period)), missed / max(1, started + missed))
     return found
 

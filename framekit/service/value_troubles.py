@@ -21,7 +21,7 @@ from framekit.definition.times import readable_time
 from framekit.link.slow import key_of, rounded
 from framekit.run.block_state import Failure
 from framekit.run.model import POINTS_SET, Block, Point, RunModel
-from framekit.run.trouble import SECOND, Troubles, remedy_of
+from framekit.run.trouble import SECOND, Troubles, lasted, remedy_of
 from framekit.transport.clock import Clock, Handle
 
 GATHER, GATHER_OLD, GATHER_WAIT = SECOND, 3 * SECOND, 5 * SECOND
@@ -32,8 +32,10 @@ the begin of a wait for late replies, because they may come and show how slow th
 """
 LASTS = 10 * SECOND
 """A trouble that comes and goes is reported when it has lasted for this time (ns)."""
-SOON, OFTEN = 60 * SECOND, 3
-"""A trouble comes and goes if it was reported so many times within this time (ns)."""
+COMES_AND_GOES = (3, 60 * SECOND), (10, 3600 * SECOND)
+"""A trouble comes and goes if it was reported so many times within the time (ns) of a pair."""
+SELDOM = 3600 * SECOND
+"""Time for which short troubles are not reported, from the last report of a trouble that comes and goes (ns)."""
 FIRST_PAUSE, LONGEST_PAUSE = 10 * SECOND, 600 * SECOND
 """Least time from the begin of a trouble to the report of another cause, and its limit: it doubles (ns)."""
 MOST_NAMED = 3
@@ -54,6 +56,8 @@ OWN_END = frozenset({"closed", "cancelled", "abandoned", "interrupted"})
 """Outcomes of exchanges that end for a reason that is reported elsewhere, or for none."""
 NUMBERS = re.compile(r"\b[0-9A-F]{2}(?: [0-9A-F]{2})*\b|\d+(?:\.\d+)?")
 """Digits and bytes of a cause, which may differ from reply to reply while the cause is the same."""
+ARRIVED = re.compile(r"\b(?:a reply|\d+ replies) arrived(?P<rest> and could not be used|,)?(?:, the last one| all\b)?")
+"""The number of unusable replies in a cause (see `UnusableReplies`), in the singular and in the plural."""
 
 ANSWERED = frozenset({"refused", "cannot_store"})
 """Outcomes that show that the device has answered; a device code shows it, too."""
@@ -76,6 +80,8 @@ ALONE = frozenset({REFUSED, POINT})
 """Kinds that concern single blocks and points: they are a trouble of their own."""
 PartKey = tuple[int, Hashable, bool]
 """Channel, station (None: the channel alone), and whether the kinds of the items are `ALONE`."""
+COMES_AGAIN = f"it comes and goes: for {lasted(SELDOM)} reported only when it lasts {readable_time(LASTS)}"
+"""The end of the last report before short troubles are not reported."""
 GOOD = "good values again"
 ANSWERS = "answers again"
 """The end of a trouble whose blocks are all refused now."""
@@ -91,7 +97,15 @@ class Cause(NamedTuple):
 
 def cause_of(text: str) -> Cause:
     """Return the cause that a text describes."""
-    return Cause(NUMBERS.sub("#", text), text)
+    return Cause(NUMBERS.sub("#", ARRIVED.sub(r"replies arrived\g<rest>", text)), text)
+
+
+def _is_news(kind: str, reported: Iterable[str]) -> bool:
+    """Return whether a kind of cause was not reported, not even as the beginning or the end of another.
+
+    `no reply` is no news after `no reply: replies arrived …`, and neither is `replies arrived …`.
+    """
+    return not any(known == kind or known.startswith(f"{kind}:") or known.endswith(f": {kind}") for known in reported)
 
 
 def failure_text(failure: Failure) -> str:
@@ -126,12 +140,16 @@ class Part:
         """
         self._good: dict[Item, None] = {}
         """Items that have a good value again while the trouble lasts."""
-        self._begun: deque[int] = deque(maxlen=OFTEN)
+        self._begun: deque[int] = deque(maxlen=max(number for number, _ in COMES_AND_GOES))
         """Times of the last reports of a begin (ns)."""
+        self._seldom_until = 0
+        """Time up to which a short trouble is not reported (ns)."""
         self._reported: tuple[frozenset[str], int] = frozenset(), 0
-        """Kinds of the reported causes, and the number of items."""
+        """Kinds of the reported causes, and the number of points and blocks."""
+        self._followed: frozenset[str] = frozenset()
+        """Kinds of the consequences that were reported since the trouble began; their return is no news."""
         self._shrunk_at = 0
-        """Time since which not more than half of the reported items are left (ns); 0: more are left."""
+        """Time since which not more than half of the reported points and blocks are left (ns); 0: more are left."""
         self._reported_at = self._pause = 0
         """Time of the last report, and the least time from it to the report of another cause (ns)."""
         self._timer: Handle | None = None
@@ -240,8 +258,7 @@ class Part:
         if not self.source.reason and self._waits_for_cause(now):
             return
         if not self.source.reason:
-            comes_and_goes = len(self._begun) == OFTEN and now - self._begun[0] < SOON
-            if comes_and_goes and now - self._since < LASTS:
+            if now < self._seldom_until and now - self._since < LASTS:
                 self._report_at(self._since + LASTS)
             else:
                 self._begin()
@@ -256,10 +273,10 @@ class Part:
             self.source.changes(self._reason())
 
     def _change_at(self, now: int) -> int:
-        """Return when to report another cause, or another number of items; 0: both are unchanged."""
+        """Return when to report another cause, or another number of points; 0: both are unchanged."""
         kinds, number = self._reported
-        count = len(self.failing) + len(self._silent)
-        if not self._kinds() <= kinds or count > 2 * number:
+        count = self._number()
+        if count > 2 * number or any(_is_news(kind, kinds | self._followed) for kind in self._kinds()):
             self._shrunk_at = 0
             return max(now, self._reported_at + self._pause)
         if 2 * count > number:
@@ -268,14 +285,28 @@ class Part:
         self._shrunk_at = self._shrunk_at or now
         return max(now, self._reported_at + self._pause, self._shrunk_at + SHRUNK_LASTS)
 
+    def _comes_and_goes(self, now: int) -> bool:
+        """Return whether the trouble was reported too often lately."""
+        begun = self._begun
+        return any(len(begun) >= number and now - begun[-number] < time for number, time in COMES_AND_GOES)
+
     def _begin(self) -> None:
-        self._begun.append(self._clock.now())
+        now = self._clock.now()
+        self._begun.append(now)
+        self._followed = frozenset()
         self._look_for_silent()
         self._note_report(FIRST_PAUSE)
-        self.source.begins(self._reason(), self._since)
+        reason = self._reason()
+        if now >= self._seldom_until and self._comes_and_goes(now):
+            self._seldom_until = now + SELDOM
+            self._begun.clear()
+            reason += f"; {COMES_AGAIN}"
+        self.source.begins(reason, self._since)
 
     def _note_report(self, pause: int) -> None:
-        self._reported = self._kinds(), len(self.failing) + len(self._silent)
+        self._reported = self._kinds(), self._number()
+        if all(kind in FOLLOWING for kind, _ in self.failing):
+            self._followed |= self._reported[0]
         self._shrunk_at = 0
         self._pause = min(pause, LONGEST_PAUSE)
         self._reported_at = self._clock.now()
@@ -320,6 +351,12 @@ class Part:
 
     def _kinds(self) -> frozenset[str]:
         return frozenset(self._causes())
+
+    def _number(self) -> int:
+        """Return the number of points and blocks without success, as a report names them."""
+        channel = self.key[0] if (PORT, "") in self.failing else None
+        names, blocks = self._owner.affected(channel, (*self.failing, *self._silent))
+        return len(names) + len(blocks)
 
     def _reason(self) -> str:
         """Return the two most frequent causes, each with its points and blocks: their number and the first names."""
@@ -537,10 +574,10 @@ class ValueTroubles:
             known = self._known_index = _BlockIndex(run)
         return known
 
-    def named(self, channel: int | None, items: tuple[Item, ...], what: str = " without a good value") -> str:
-        """Return the points and blocks of items: `12 points without a good value (a, b, c …)`.
+    def affected(self, channel: int | None, items: tuple[Item, ...]) -> tuple[set[str], list[Block]]:
+        """Return the names of the points of items, and their blocks without points, in the order of the run.
 
-        `channel`: all its blocks count as items; `what` follows the number of points.
+        `channel`: all its blocks count as items.
         """
         index = self._index
         failing = {number for kind, number in items if kind in OF_BLOCKS}
@@ -548,7 +585,14 @@ class ValueTroubles:
         known = sorted((index.blocks[number] for number in failing if number in index.blocks), key=itemgetter(0))
         names = {str(name) for kind, name in items if kind in (POINT, OLD)}
         names.update(name for _, block in known for name in index.points.get(block.id, ()))
-        blocks = [block for _, block in known if block.id not in index.points and not _is_answered(block)]
+        return names, [block for _, block in known if block.id not in index.points and not _is_answered(block)]
+
+    def named(self, channel: int | None, items: tuple[Item, ...], what: str = " without a good value") -> str:
+        """Return the points and blocks of items: `12 points without a good value (a, b, c …)`.
+
+        `channel`: all its blocks count as items; `what` follows the number of points.
+        """
+        names, blocks = self.affected(channel, items)
         found = []
         if names:
             found.append(f"{plural(len(names), 'point')}{what} ({_first(sorted(names))})")

@@ -104,6 +104,13 @@ def test_cycles_that_have_no_time_beside_each_other(tmp_path: Path) -> None:
     assert "block 1 wants 20 ms, channel 1 needs 34 ms for all its cycles: it runs every " in problems[1].what
 
 
+def test_exchanges_much_longer_than_their_cycles(tmp_path: Path) -> None:
+    """A period is over before each block had its turn."""
+    blocks = "".join(f'  {n}: {{read: "40001", into: M20{n}, every: 20 ms}}\n' for n in range(6))
+    found = loads(tmp_path, blocks, *[40] * 6)
+    assert all(200 * MS < one.reached < 300 * MS for one in by_number(found).values())
+
+
 def test_a_full_channel_is_not_too_full(tmp_path: Path) -> None:
     blocks = "".join(f'  {n}: {{read: "40001", into: M20{n}, every: 30 ms}}\n' for n in range(3))
     assert load_problems((loads(tmp_path, blocks, 10, 10, 10),)) == []

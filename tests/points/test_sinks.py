@@ -334,7 +334,7 @@ def test_a_file_that_cannot_be_written_later_is_told_at_once_and_when_it_is_well
         assert [(trouble.name, trouble.reason, trouble.waiting, trouble.lost) for trouble in status.troubles] == [
             (name, "No space left on device", 3, 0)
         ]
-        assert run.problems == [f"{name}: No space left on device"]
+        assert run.problems == [f"{name}: No space left on device, 3 samples wait"]
         assert status.sinks[0].problem == "No space left on device"
     run.run_for("1 s")
     run.stop()

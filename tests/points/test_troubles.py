@@ -305,3 +305,9 @@ def test_a_capture_ends_with_a_whole_record_and_counts_the_missing_ones(tmp_path
     assert sizes == [size]
     (problem,) = run.problems
     assert problem.startswith(f"capture {path}: No space left on device, ") and problem.endswith(" records were lost")
+
+
+def test_a_part_that_fails_at_the_end_says_how_many_samples_wait() -> None:
+    troubles = Troubles(lambda: 0)
+    troubles.source("sink mqtt plant", count=lambda: SampleCount(18)).begins("Connection refused")
+    assert listed_troubles(troubles.present()) == ["sink mqtt plant: Connection refused, 18 samples wait"]
