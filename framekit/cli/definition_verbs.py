@@ -273,7 +273,7 @@ def run_check(arguments: argparse.Namespace) -> int:
             if line not in shown:
                 print(line, file=sys.stderr)
         if lines and shown.issuperset(lines):  # such as of a device and its protocol
-            print(f"{name}: what is wrong has been told above", file=sys.stderr)
+            print(f"{name}: not checked further – correct the problems above first", file=sys.stderr)
         shown.update(lines)
         if not any(not problem.warning for problem in checked.problems):
             print(f"{name}: {checked.what}")

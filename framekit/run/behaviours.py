@@ -92,8 +92,12 @@ def number_of(text: str) -> float:
 
 
 def _span(reading: KeyReading, node: Node) -> tuple[float, float]:
-    first, _, last = reading.reader.text(node).partition("..")
-    return number_of(first), number_of(last)
+    text = reading.reader.text(node)
+    first, _, last = text.partition("..")
+    try:
+        return number_of(first), number_of(last)
+    except ValueError:
+        raise reading.reader.broken(node.at, f"'{text}' is not a range (0..100)", "") from None
 
 
 def _limits(reading: KeyReading, node: Node) -> tuple[float, float]:

@@ -435,7 +435,7 @@ def test_check_counts_and_complains(capsys: pytest.CaptureFixture[str], tmp_path
     assert listed[0]["problems"][0]["line"] == 3
     device = tmp_path / "bad.device.yaml"
     device.write_text("device: bad\nprotocol: bad\n", encoding="utf-8")
-    message = f"{err}{device}: what is wrong has been told above\n"
+    message = f"{err}{device}: not checked further – correct the problems above first\n"
     assert call(capsys, "check", str(path), str(device)) == (1, "", message)
 
 

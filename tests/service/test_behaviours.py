@@ -285,6 +285,17 @@ def test_numbers_with_fractions_are_multiplied_and_texts_are_not() -> None:
         times("a", 3)  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize(
+    "keys", ["noise: 0.3", "sine: a..b, period: 1 s", "ramp: 1.., over: 1 s", "square: 1..2..3, period: 1 s"]
+)
+def test_a_range_that_is_none_is_an_error_with_its_place(tmp_path: Path, keys: str) -> None:
+    with pytest.raises(framekit.DefinitionError) as error:
+        World(tmp_path, f'behave: {{"40001": {{{keys}}}}}')
+    (problem,) = error.value.problems
+    text = keys.partition(",")[0].partition(": ")[2]
+    assert (problem.at.line > 0, problem.what) == (True, f"'{text}' is not a range (0..100)")
+
+
 def test_start_values_that_nobody_sees_are_errors(tmp_path: Path) -> None:
     memory = 'memory: {set: {"40001": 1, "40002": [1, 2], "40003": 3, "40004": 4, "40005": 5}}'
     behave = """
