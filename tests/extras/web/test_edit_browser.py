@@ -95,6 +95,15 @@ def test_an_error_is_marked_and_bytes_are_read(tmp_path: Path) -> None:
 
 
 @needs_chromium
+def test_a_small_file_needs_no_scroll_bar_of_the_page(tmp_path: Path) -> None:
+    (tmp_path / "lamp.yaml").write_text("protocol: lamp\nframes: {A: {body: [{feild: a, type: u8}]}}\n", "utf-8")
+    with editor(tmp_path) as page:
+        page.until(lambda: "1 to correct" in page.text("#problems .pill"))
+        assert page.run("return document.documentElement.scrollHeight <= innerHeight")
+        assert page.errors() == []
+
+
+@needs_chromium
 def test_a_form_builds_a_frame(tmp_path: Path) -> None:
     written(tmp_path)
     with editor(tmp_path) as page:
