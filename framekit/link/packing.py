@@ -213,7 +213,7 @@ def numbers_of(memory: bytes, unit: str, type_: str | None, count: int) -> list[
         numbers = view.read(memory)
     except MemoryValueError as error:
         raise PackingError(str(error)) from None
-    return [_shortest(number) for number in numbers] if type_ == "float32" else list(numbers)
+    return [shortest(number) for number in numbers] if type_ == "float32" else list(numbers)
 
 
 def memory_of_numbers(numbers: Sequence[Any], unit: str, type_: str | None) -> bytes:
@@ -234,7 +234,7 @@ def memory_of_numbers(numbers: Sequence[Any], unit: str, type_: str | None) -> b
 _FLOAT = Struct("<f")
 
 
-def _shortest(number: float) -> float:
+def shortest(number: float) -> float:
     """Return the number with the fewest digits and the same value in 32 bits: 12.3, not 12.300000190734863."""
     short = (float(f"{number:.{digits}g}") for digits in range(6, 9))
     return next((one for one in short if _FLOAT.pack(one) == _FLOAT.pack(number)), number)

@@ -23,7 +23,7 @@ from framekit.definition.expression import Expression
 from framekit.definition.model.services import Packing
 from framekit.definition.times import NEVER, format_time
 from framekit.link.addresses import Address
-from framekit.link.packing import reader_of
+from framekit.link.packing import reader_of, shortest
 from framekit.link.scope import Scope
 from framekit.link.services.rows import Piece, Planner, rows_of
 from framekit.link.values import EVALUATION_ERRORS, Names
@@ -94,9 +94,14 @@ def scaled(point: Point, number: Any) -> Any:
 
 
 def value_text(point: Point, value: Any) -> str:
-    """Return a value of a point as text: with the digits of `decimals`, `-` for None."""
+    """Return a value of a point as text: with the digits of `decimals`, `-` for None.
+
+    A float of 32 bits has no more digits than its bits need: 12.3, not 12.300000190734863.
+    """
     if value is None:
         return "-"
+    if isinstance(value, float) and point.decimals is point.scaling is None and point.form.bits == 32:
+        return str(shortest(value))
     is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
     return str(value) if point.decimals is None or not is_number else f"{value:.{point.decimals}f}"
 

@@ -77,6 +77,20 @@ i: {channel: 1, address: "40001", scale: 0.001, decimals: 1}
     }  # fmt: skip
 
 
+def test_a_float_of_32_bits_is_shown_with_the_digits_that_it_needs(tmp_path: Path) -> None:
+    points = """
+a: {channel: 1, address: "40001", type: float32, order: ABCD}
+b: {channel: 1, address: "40003", type: float32, order: ABCD}
+c: {channel: 1, address: "40005", type: float64, order: ABCD}
+"""
+    device = '"40001": [0x4144, 0xCCCD, 0x7149, 0xF2CA, 0x4028, 0x9999, 0xA000, 0]'  # 12.3, 1e30, and 12.3 of 32 bits
+    run = run_of(tmp_path, points, device)
+    run.run_for("1500 ms")
+    shown = [run.points[value.name].text_of(value.value) for value in run.points.now()]
+    run.stop()
+    assert shown == ["12.3", "1e+30", "12.300000190734863"]
+
+
 def test_decimals_format_every_text_of_a_value(tmp_path: Path) -> None:
     points = """
 f: {channel: 1, address: "40001", type: float32, order: ABCD, decimals: 2, unit: V}
