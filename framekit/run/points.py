@@ -100,7 +100,8 @@ def value_text(point: Point, value: Any) -> str:
     """
     if value is None:
         return "-"
-    if isinstance(value, float) and point.decimals is point.scaling is None and point.form.bits == 32:
+    is_as_read = point.decimals is None and point.scaling is None
+    if is_as_read and isinstance(value, float) and point.form.bits == 32:
         return str(shortest(value))
     is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
     return str(value) if point.decimals is None or not is_number else f"{value:.{point.decimals}f}"
