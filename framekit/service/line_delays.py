@@ -131,8 +131,7 @@ class LineDelays:
     def explains(self, channel: int) -> bool:
         """Return whether a trouble of the line explains that its values are too old; report an overload that does.
 
-        A station that has not answered late for some time explains nothing, and neither does an overload that was not
-        measured for some time.
+        A slow station counts for a minute after its last late reply, an overload for `CALM` after its last measurement.
         """
         now, late = self._clock.now(), self._late_of(channel)
         is_slow = any(source.reason for source in self._slow.get(channel, {}).values())
