@@ -221,7 +221,8 @@ def test_a_foreign_file_that_comes_during_the_run_is_trouble_until_it_goes() -> 
     Path("values.csv").rename("first.csv")
     Path("values.csv").write_text("my notes\n")
     run.run_for("2 s")
-    assert run.problems == ["sink csv values.csv: this is no csv file of framekit – move it away, or name another file"]
+    foreign = "sink csv values.csv: this is no csv file of framekit – move it away, or name another file"
+    assert run.problems == [f"{foreign}, 2 samples wait"]
     assert Path("values.csv").read_text() == "my notes\n"
     Path("values.csv").rename("notes.txt")
     run.run_for("1 s")
