@@ -401,9 +401,9 @@ class _LaterSink:
         self._queue = WriteQueue(self._sink.write_records, MOST_WAITING, f"writes {path}", self._sink.has_failed)
 
     def write(self, record: bytes, *, wait: bool = False) -> bool:
-        if self._queue.is_closed:
-            return self._sink.write(record)  # which counts it as lost
-        return self._queue.add(record, wait=wait)
+        if self._queue.add(record, wait=wait):
+            return True
+        return self._queue.is_closed and self._sink.write(record)  # which counts it as lost
 
     def close(self) -> None:
         self._queue.close()
