@@ -16,6 +16,7 @@ from typing import Any
 
 from shipped import APPLICATIONS, FRAMES, PROTOCOLS
 
+from framekit import __version__
 from framekit.api.vectors import make_side
 from framekit.codec.ambiguity import ANNOUNCED
 from framekit.codec.codec import compile_protocol
@@ -133,7 +134,9 @@ def sources(shipped: Shipped) -> Iterator[Case]:
 @cache
 def parts_of(shipped: Shipped, standalone: bool) -> dict[str, str]:
     """Return the text of a generated module by kind of function; `rest` is the code outside functions of frames."""
-    text = generate_source(shipped.protocol, standalone=standalone)
+    text = generate_source(shipped.protocol, standalone=standalone).replace(
+        f"framekit {__version__}", "framekit VERSION"
+    )
     lines, parts = text.splitlines(), dict[str, list[str]]()
     for node in ast.parse(text).body:
         kind = node.name.strip("_").split("_")[0] if isinstance(node, ast.FunctionDef) else ""
