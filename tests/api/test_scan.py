@@ -35,7 +35,7 @@ def device_file(folder: Path, protocol: Protocol) -> list[Any] | None:
     return stations
 
 
-SLOW = ("ccm", "df1", "iec62056-21", "rk512-3964r", "snp", "snp-x")
+SLOW = ("ccm", "df1", "iec62056-21", "rk512-3964r", "snp", "snp-cmm", "snp-x")
 """Protocols whose exchange takes longer than `TIMEOUT`: they ask only the station that is present."""
 TIMEOUT = "200 ms"
 

@@ -166,6 +166,7 @@ def test_what_is_there_at_the_start_is_left_out_of_garbage_collections(
         (("mldp", "read_individual", "variables=[{]"), "is not JSON"),
         (("mldp", "read_individual", "station"), "is not NAME=VALUE"),
         (("no-such", "x"), "there is no definition 'no-such'"),
+        (("/no/such", "x"), "there is no definition '/no/such'"),
     ],
 )
 def test_encode_refuses_by_name(capsys: pytest.CaptureFixture[str], words: tuple[str, ...], message: str) -> None:

@@ -451,7 +451,8 @@ def definition_path(name: str | Path, folder: Path | None = None) -> Path:
         own = {file.stem for file in (folder or Path.cwd()).glob("*.yaml") if "." not in file.stem}
         ours = {file.stem for file in known_definitions() if "." not in file.stem}
         known, shipped = own | ours, ", ".join(sorted(ours))
-        with_it = sorted(file.name for file in (folder or Path.cwd()).glob(f"{glob.escape(str(name))}.*.yaml"))
+        wanted = Path(folder or Path.cwd(), name)
+        with_it = sorted(file.name for file in wanted.parent.glob(f"{glob.escape(wanted.name)}.*.yaml"))
         hint = (
             f"did you mean {with_it[0]}?"
             if with_it
