@@ -101,8 +101,9 @@ class Trouble:
         return _loss(self.lost, self.unit, self.points)
 
     def __str__(self) -> str:
-        is_waited_for = self.waiting and self.reason
-        wait = f"{plural(self.waiting, 'sample')} {'waits' if self.waiting == 1 else 'wait'}" if is_waited_for else ""
+        wait = ""
+        if self.reason and self.waiting and self.unit == "sample":  # lines of an output wait for its reader alone
+            wait = f"{plural(self.waiting, 'sample')} {'waits' if self.waiting == 1 else 'wait'}"
         return f"{self.name}: {', '.join(filter(None, (self.reason, wait, self.loss)))}"
 
 

@@ -572,14 +572,23 @@ def test_a_run_goes_on_while_its_output_is_not_read(tmp_path: Path) -> None:
         assert errors.startswith("standard output: works again after ") and errors.count("\n") == 1
 
 
+PACE = 0.5
+"""Seconds between two signals. Python reports signals that come in the instant in which a loop is closed."""
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_second_signal_ends_the_wait_for_the_reader(tmp_path: Path, number: signal.Signals) -> None:
     with started(tmp_path, "run", "unread.run.yaml", "--frames") as process:
         assert process.stderr is not None
         process.stderr.readline()
 
+        sent_at = -PACE
+
         def has_ended() -> bool:
-            process.send_signal(number)
+            nonlocal sent_at
+            if time.monotonic() - sent_at >= PACE:
+                sent_at = time.monotonic()
+                process.send_signal(number)
             return process.poll() is not None
 
         until(has_ended)
