@@ -257,13 +257,14 @@ def test_a_lost_channel_turns_red_and_a_chosen_frame_shows_its_bytes(tmp_path: P
                 page.until(lambda: value(page, "level") != first)
                 there.send_signal(signal.SIGINT)
                 page.until(lambda: "lost" in page.rows("channels")[0][0])
+                page.until(lambda: "Channel 1" in page.text("#notices"))
+                page.until(lambda: page.run("return document.querySelector('#cards .bad b') !== null"))
                 colours = page.run(
                     "return ['[data-table=channels] tr.lost td', '#cards .bad b', '#notices .pill.bad']"
                     ".map(one => getComputedStyle(document.querySelector(one)).color)"
                 )
                 assert set(colours) == {"rgb(185, 44, 44)"}
                 page.until(lambda: not page.rows("points")[0][5].startswith("good"))
-                page.until(lambda: "Channel 1" in page.text("#notices"))
                 page.click("#notices button")
                 page.until(lambda: page.run("return document.querySelector('#notices').hidden"))
         finally:
