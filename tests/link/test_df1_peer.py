@@ -178,7 +178,8 @@ def write(client: Df1BaseClient, values: list[int]) -> bool:
 def peer(tmp_path: Path) -> Iterator[tuple[Df1BaseClient, DeviceService]]:
     """Return the peer's client, and a simulated processor on the same line.
 
-    Header bytes of 10h are avoided, since the client misreads them.
+    Header bytes of 10h are avoided, since the client misreads them, as it does a check code 10 05. So transaction numbers
+    begin at 2021h, and not at a random number.
     """
     (tmp_path / "peer.device.yaml").write_text(DEVICE)
     clock = VirtualClock()
@@ -186,6 +187,7 @@ def peer(tmp_path: Path) -> Iterator[tuple[Df1BaseClient, DeviceService]]:
     device = DeviceService(load_devices(tmp_path / "peer.device.yaml", tmp_path)[0], line.port("device"), clock, None)
     device.start()
     client = Df1BaseClient(src=0, dst=1, seq_sleep_time=0)
+    client._last_tns = 0x2020
     client._plc = Wire(line, clock)
     client._plc.bytes_received.append(client._bytes_received)
     clock.run_for(0)
