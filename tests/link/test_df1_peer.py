@@ -178,8 +178,8 @@ def write(client: Df1BaseClient, values: list[int]) -> bool:
 def peer(tmp_path: Path) -> Iterator[tuple[Df1BaseClient, DeviceService]]:
     """Return the peer's client, and a simulated processor on the same line.
 
-    Header bytes of 10h are avoided, since the client misreads them, as it does a check code 10 05. So transaction numbers
-    begin at 2021h, and not at a random number.
+    Header bytes of 10h are avoided, since the client misreads them, as it does a check code 10 05. So the first
+    transaction number is 2021h, and not random.
     """
     (tmp_path / "peer.device.yaml").write_text(DEVICE)
     clock = VirtualClock()
