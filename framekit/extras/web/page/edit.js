@@ -166,7 +166,7 @@ function checked(what) {
 // While the text has errors, the pictures of the last text without errors stay.
 function draw(found) {
   drawn = found ? file : "";
-  showFrames(at("frames"), found, (name, frame) => { at("protocol").value = name; show("build"); form.show(frame); });
+  showFrames(at("frames"), found, (name, frame) => { at("protocol").value = name; form.frame = frame; show("build"); });
   showSequences(at("sequences"), found);
   if (!at("trial").hidden) live.say({ offer: true });
   offerProtocols(found ?? []);
