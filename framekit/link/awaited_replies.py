@@ -207,7 +207,7 @@ def is_numbered(step: Step, protocol: Protocol) -> bool:
     }
     numbers = set(_fields_that_read(step.send, counted))
     frames = _waited_for(step.receive or (), protocol)
-    return bool(numbers and frames) and all(_repeats_one(name, numbers, protocol) for name in frames)
+    return bool(numbers and frames) and all(_repeats_number(name, numbers, protocol) for name in frames)
 
 
 def _fields_that_read(frame: FrameOf, variables: set[str]) -> Iterator[str]:
@@ -219,20 +219,20 @@ def _fields_that_read(frame: FrameOf, variables: set[str]) -> Iterator[str]:
             yield name
 
 
-def _repeats_one(name: str, fields: set[str], protocol: Protocol) -> bool:
-    """Return whether a reply repeats one of these fields of its request, by itself or in some frame inside.
+def _repeats_number(name: str, fields: set[str], protocol: Protocol) -> bool:
+    """Return whether a reply repeats a numbering field of its request, by itself or in a frame inside.
 
     Other frames inside are no replies: the device sends them by itself, or because it cannot read a request.
     """
     frame = protocol.frames[name]
-    if any(path_of(source) in fields for source in frame.echo.values()):
+    if any(_path_of(source) in fields for source in frame.echo.values()):
         return True
     inside = {inner for part in parts_of(frame.segments, Segment) for inner in part.frames_inside}
-    return any(path_of(source) in fields for inner in inside for source in protocol.frames[inner].echo.values())
+    return any(_path_of(source) in fields for inner in inside for source in protocol.frames[inner].echo.values())
 
 
-def path_of(expression: Expression) -> str | None:
-    """Return the name, or the path `field.field` to a field, if an expression is nothing else."""
+def _path_of(expression: Expression) -> str | None:
+    """Return the name or the path `field.field` that an expression consists of; None for other expressions."""
     names: list[str] = []
     node = expression.root
     while isinstance(node, Attribute):

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import re
+
 from framekit.link.arrivals import BadFrame
 
 WRONG_CHECK = "wrong check code"
+_COUNT = re.compile(r"\b(?:a reply|\d+ replies) arrived(?P<rest> and could not be used|,)?(?:, the last one| all\b)?")
+"""The number of replies in the sentence of `UnusableReplies`, in the singular and in the plural."""
 
 
 class UnusableReplies:
@@ -62,3 +66,8 @@ def _described(bad: BadFrame) -> str:
     expected = f"expected {bad.expected}" if bad.expected else ""
     found = f"found {bad.found}" if bad.found else ""
     return ", ".join(filter(None, (bad.cause.replace("_", " "), expected, found)))
+
+
+def without_count(text: str) -> str:
+    """Return a text in which the sentence of `UnusableReplies`, if it has it, is the same for any number of replies."""
+    return _COUNT.sub(r"replies arrived\g<rest>", text)

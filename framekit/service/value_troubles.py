@@ -19,6 +19,7 @@ from framekit.codec.shown import shown
 from framekit.definition.problems import plural
 from framekit.definition.times import readable_time
 from framekit.link.slow import key_of, rounded
+from framekit.link.unusable import without_count
 from framekit.run.block_state import Failure
 from framekit.run.model import POINTS_SET, Block, Point, RunModel
 from framekit.run.trouble import SECOND, Troubles, lasted, remedy_of
@@ -56,8 +57,6 @@ OWN_END = frozenset({"closed", "cancelled", "abandoned", "interrupted"})
 """Outcomes of exchanges that end for a reason that is reported elsewhere, or for none."""
 NUMBERS = re.compile(r"\b[0-9A-F]{2}(?: [0-9A-F]{2})*\b|\d+(?:\.\d+)?")
 """Digits and bytes of a cause, which may differ from reply to reply while the cause is the same."""
-ARRIVED = re.compile(r"\b(?:a reply|\d+ replies) arrived(?P<rest> and could not be used|,)?(?:, the last one| all\b)?")
-"""The number of unusable replies in a cause (see `UnusableReplies`), in the singular and in the plural."""
 
 ANSWERED = frozenset({"refused", "cannot_store"})
 """Outcomes that show that the device has answered; a device code shows it, too."""
@@ -97,7 +96,7 @@ class Cause(NamedTuple):
 
 def cause_of(text: str) -> Cause:
     """Return the cause that a text describes."""
-    return Cause(NUMBERS.sub("#", ARRIVED.sub(r"replies arrived\g<rest>", text)), text)
+    return Cause(NUMBERS.sub("#", without_count(text)), text)
 
 
 def _is_news(kind: str, reported: Iterable[str]) -> bool:

@@ -172,7 +172,7 @@ def likely_names(static: StaticSizes, inner: Inner) -> list[str]:
 
 
 def _pair(static: StaticSizes, frame: Frame, inner: Inner, name: str) -> Pair | None:
-    """Return a frame and an inner frame as one list of segments; None if they cannot be read as one."""
+    """Return the segments of a frame and its inner frame as one list; None if they cannot be read together."""
     other = static.frames[name]
     inside = tuple(renamed(segment) for segment in static.segments(other))
     sizes = static.all(inside)
