@@ -300,3 +300,25 @@ def test_blocks_of_words_of_a_plc3_file() -> None:
     assert pair.gives("file_read_words", file=7, offset=3, words=1) == b"\x03\x04"
     pair.done("bit_write", file=7, word=2, set=0x8000, reset=0x0001)
     assert pair.memory.read("file7", "word", 2, 1) == [0x8200]
+
+
+def with_symbols() -> Pair:
+    pair = Pair("plc3")
+    pair.state.set("symbols", [{"name": "MOTOR", "file": 7, "word": 4}, {"name": "LINE_12", "file": 9, "word": 0}])
+    pair.memory.write("file7", "word", 4, [77, 78])
+    return pair
+
+
+def test_a_simulated_plc3_knows_symbols() -> None:
+    pair = with_symbols()
+    result = pair.read("@MOTOR", 2)
+    assert result.ok and result.values == [77, 78]
+    assert pair.write("@LINE_12", [5, 6, 7]).ok
+    assert pair.memory.read("file9", "word", 0, 3) == [5, 6, 7]
+
+
+def test_a_symbol_that_a_simulated_plc3_does_not_know() -> None:
+    pair = with_symbols()
+    assert pair.read("@PUMP").code == 0xF004
+    assert pair.write("@PUMP", [1]).code == 0xF004
+    assert pair.memory.read("file7", "word", 4, 2) == [77, 78]

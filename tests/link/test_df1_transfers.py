@@ -42,11 +42,11 @@ def test_a_download_to_a_plc2_writes_the_first_octet_of_the_program_last() -> No
     pair = Pair("plc2")
     filled(pair)
     counted = pair.gives("read_counters")["received"]
-    pair.done("download", image=part(0, b"\x77" * 300), words=128, verify=False)
+    pair.done("download", image=part(0, b"\x77" * 300), words=128, verify=False, memory_size=300)
     # status, enter, size of the table, three pieces of the image, the first octet of the program, leave
     assert pair.gives("read_counters")["received"] - counted == 8 + 1
     counted += 9
-    pair.done("download", image=part(0, b"\x77" * 200), words=128, verify=False)  # the program begins after the image
+    pair.done("download", image=part(0, b"\x77" * 200), words=128, verify=False, memory_size=200)  # the program begins after the image
     assert pair.gives("read_counters")["received"] - counted == 6 + 1
 
 
@@ -78,3 +78,31 @@ def test_the_public_status_of_a_plc5_250_is_read() -> None:
         lambda done: pair.client.read("I:007", station=5, count=2, now=pair.asking.now, on_done=done).commands
     )
     assert (result.ok, result.values) == (True, [0x1234, 5]), result
+
+
+def with_end(pair: Pair, at: int) -> bytes:
+    """Fill the physical memory of a device and end it by FFFF; return its content."""
+    memory = filled(pair)
+    memory = memory[:at] + b"\xff\xff" + memory[at + 2 :]
+    pair.state.set("physical", memory)
+    return memory
+
+
+def test_an_upload_from_a_plc2_ends_at_ffff() -> None:
+    pair = Pair("plc2")
+    memory = with_end(pair, 2048)
+    assert pair.gives("upload") == part(0, memory[:2048])
+    assert pair.state["transfer_kind"] == 0
+
+
+def test_an_upload_from_a_plc2_ends_where_its_memory_ends() -> None:
+    pair = Pair("plc2")
+    pair.state.set("physical", bytes(16384))
+    assert pair.gives("upload") == part(0, bytes(16384))
+
+
+def test_a_download_to_a_plc2_fills_its_memory_up_to_ffff() -> None:
+    pair = Pair("plc2")
+    with_end(pair, 2048)
+    pair.done("download", image=part(0, b"\x11" * 300), words=128)
+    assert pair.state["physical"][:2050] == b"\x11" * 300 + bytes(1748) + b"\xff\xff"
