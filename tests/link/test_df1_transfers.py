@@ -46,7 +46,8 @@ def test_a_download_to_a_plc2_writes_the_first_octet_of_the_program_last() -> No
     # status, enter, size of the table, three pieces of the image, the first octet of the program, leave
     assert pair.gives("read_counters")["received"] - counted == 8 + 1
     counted += 9
-    pair.done("download", image=part(0, b"\x77" * 200), words=128, verify=False, memory_size=200)  # the program begins after the image
+    # the program begins after the image
+    pair.done("download", image=part(0, b"\x77" * 200), words=128, verify=False, memory_size=200)
     assert pair.gives("read_counters")["received"] - counted == 6 + 1
 
 
