@@ -50,6 +50,11 @@ REMEDIES = (
     ("file too large", "make room there"),
     ("does not exist", "make the folder"),
     ("permission denied", "change its permissions"),
+    ("no permission", "change its permissions"),
+    ("is no folder", "check the path"),
+    ("is a link that leads to itself", "mend the link"),
+    ("takes no new files", "check the path"),
+    ("name is too long", "shorten it"),
     ("read-only file system", "make it writable"),
     ("readonly database", "change its permissions"),
 )

@@ -27,7 +27,7 @@ from framekit.link.events import CharacterFault, LineFault, Seen
 from framekit.link.listener import Listener
 from framekit.run.trouble import SampleCount, Troubles
 from framekit.service.write_queue import WriteQueue
-from framekit.sinks.opened_file import OpenedFile
+from framekit.sinks.opened_file import OpenedFile, not_opened
 from framekit.transport.clock import AsyncioClock, Clock
 from framekit.transport.port import LineEvent, Port, TappedPort, Way
 
@@ -331,7 +331,10 @@ class _Sink:
 
     def _begin(self, mode: Literal["w", "a"]) -> None:
         """Open the file and write its header. Raise OSError."""
-        self._file = FileIO(self.path, mode, opener=_appending)
+        try:
+            self._file = FileIO(self.path, mode, opener=_appending)
+        except OSError as error:
+            raise not_opened(self.path, error) from None
         try:
             self._opened = OpenedFile(self.path)
             if os.fstat(self._file.fileno()).st_size:

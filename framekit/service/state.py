@@ -17,7 +17,8 @@ from framekit.definition.problems import error_text
 from framekit.definition.times import NEVER
 from framekit.memory.memory import DeviceMemory, Shape, unit_bits
 from framekit.run.block_state import BlockState, Failure
-from framekit.run.trouble import Troubles
+from framekit.run.file_places import obstacle, why_not_opened
+from framekit.run.trouble import Troubles, remedy_of
 from framekit.sinks.database import bound_log, close_moved, transaction, write_once
 from framekit.sinks.opened_file import MOVED, OpenedFile
 from framekit.transport.clock import Clock
@@ -104,8 +105,8 @@ class StateFile:
         path = self.path
         with self._errors():
             real = Path(os.path.realpath(path))
-            if not real.parent.is_dir():
-                raise StateError(f"{path}: the folder {real.parent} does not exist – make it, or name another file")
+            if found := obstacle(path):
+                raise self._not_opened(found)
             if not os.path.lexists(real):
                 self._create(real)
             elif not stat.S_ISREG(real.stat().st_mode):
@@ -160,6 +161,10 @@ class StateFile:
         """
         beside = place.with_name(f".{place.name}.{secrets.token_hex(4)}")
         try:
+            try:
+                os.close(os.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644))  # SQLite would give no reason
+            except OSError as error:
+                raise self._not_opened(why_not_opened(place, error)) from None
             with closing(sqlite3.connect(beside, isolation_level=None)) as base:
                 base.executescript(_TABLES)
                 base.execute("INSERT INTO about VALUES ('run', ?)", (self.run,))
@@ -216,6 +221,10 @@ class StateFile:
             raise self._damaged(str(error)) from None
         except OSError as error:
             raise StateError(f"{self.path}: {error_text(error)}") from None
+
+    def _not_opened(self, why: str) -> StateError:
+        what = why if str(self.path) in why else f"{self.path}: {why}"
+        return StateError(f"{what} – {remedy_of(why) or 'make room or change its permissions'}, or name another file")
 
     def _damaged(self, how: str) -> StateError:
         return StateError(f"{self.path} is damaged: {how} – put a copy in its place, or move it away to begin anew")

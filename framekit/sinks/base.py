@@ -26,7 +26,7 @@ from framekit.memory.views import NumberView
 from framekit.run.model import Point
 from framekit.run.points import PointValue, scaled
 from framekit.run.status import RunStatus
-from framekit.sinks.opened_file import refuse_special
+from framekit.sinks.opened_file import not_opened, refuse_special
 from framekit.sinks.secrets import Secret
 from framekit.transport.network import listening_at
 
@@ -230,8 +230,8 @@ def open_alone(path: Path) -> int:
     refuse_special(path)
     try:
         file = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o644)
-    except FileNotFoundError:
-        raise FileNotFoundError(errno.ENOENT, f"the folder {path.parent} does not exist") from None
+    except OSError as error:
+        raise not_opened(path, error) from None
     if sys.platform != "win32":
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

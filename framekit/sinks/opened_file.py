@@ -11,6 +11,8 @@ import os
 import stat
 from pathlib import Path
 
+from framekit.run.file_places import obstacle, why_not_opened
+
 MOVED = "the file was moved or deleted – a new file begins"
 REPLACED = "the file was replaced – the new file is continued"
 CUT = "the file was cut by another program – the rest of it is continued"
@@ -26,15 +28,22 @@ _SPECIAL = {
 
 
 def refuse_special(path: Path) -> None:
-    """Raise OSError if the path leads to a folder, a device, a pipe or a socket, without opening it."""
+    """Raise OSError if the path leads to a folder, a device, a pipe or a socket, or nowhere, without opening it."""
     try:
         mode = os.stat(path).st_mode
-    except (FileNotFoundError, NotADirectoryError):
-        return
+    except OSError as error:
+        if isinstance(error, FileNotFoundError) and not obstacle(path):
+            return
+        raise not_opened(path, error) from None
     if not stat.S_ISREG(mode):
         kind = _SPECIAL.get(stat.S_IFMT(mode), "no regular file")
         todo = "name another file" if kind.endswith("device") else "move it away, or name another file"
         raise FileExistsError(errno.EEXIST, f"{path} is {kind} – {todo}")
+
+
+def not_opened(path: Path, error: OSError) -> OSError:
+    """Return an error that names the obstacle on the way to a file that cannot be opened."""
+    return type(error)(error.errno, why_not_opened(path, error), str(path))
 
 
 class OpenedFile:

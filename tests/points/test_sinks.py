@@ -288,12 +288,12 @@ def test_a_run_does_not_start_without_its_files(tmp_path: Path) -> None:
         assert not run.running
         run.stop()
         assert [str(problem).partition(f"{path}:")[2] for problem in error.value.problems] == [
-            f"8:5: {tmp_path}/taken/values.csv cannot be opened and written: Not a directory – "
-            "make room or change its permissions, or name another file",
+            f"8:5: {tmp_path}/taken/values.csv cannot be opened and written: {tmp_path}/taken is no folder – "
+            "check the path, or name another file",
             f"10:5: {tmp_path}/folder is a folder – move it away, or name another file",
             f"11:5: {tmp_path}/text.db is no database – name another file",
-            f"12:5: {tmp_path}/taken/a.db cannot be opened and written: Not a directory – "
-            "make room or change its permissions, or name another file",
+            f"12:5: {tmp_path}/taken/a.db cannot be opened and written: {tmp_path}/taken is no folder – "
+            "check the path, or name another file",
         ]
 
 

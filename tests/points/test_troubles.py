@@ -254,8 +254,8 @@ def test_a_run_that_cannot_write_ends_before_it_starts(tmp_path: Path, capsys: p
     output = capsys.readouterr()
     assert output.out == ""
     assert output.err.splitlines() == [
-        f"{run}:{line}:5: {tmp_path}/taken/{file} cannot be opened and written: Not a directory – "
-        "make room or change its permissions, or name another file"
+        f"{run}:{line}:5: {tmp_path}/taken/{file} cannot be opened and written: {tmp_path}/taken is no folder – "
+        "check the path, or name another file"
         for line, file in ((8, "a.csv"), (9, "a.db"))
     ]
 

@@ -204,11 +204,11 @@ def test_a_link_stays_a_link_to_the_state(tmp_path: Path, empty: bool) -> None:
 def test_links_in_a_circle(tmp_path: Path) -> None:
     (tmp_path / "one").symlink_to(tmp_path / "two")
     (tmp_path / "two").symlink_to(tmp_path / "one")
-    assert "symbolic links" in refused(tmp_path / "one")
+    assert "is a link that leads to itself – mend the link" in refused(tmp_path / "one")
 
 
 def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(StateError, match=r"the folder .* does not exist – make it"):
+    with pytest.raises(StateError, match=r"the folder .* does not exist – make the folder"):
         StateFile(tmp_path / "no" / "s", "plant", SHAPE)
 
 
