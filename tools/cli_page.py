@@ -1,44 +1,36 @@
-"""The generated parts of `docs/cli.md`: usage, options and examples of each verb, from its parser.
+"""The generated parts of `docs/cli.md` and `docs/cli/*.md`: table of verbs, examples and options, from the parser.
 
-`python tools/cli_page.py` writes them after the marks `<!-- verbs -->` and `<!-- options -->`; a test compares the page
-with the parser.
+`python tools/cli_page.py` writes them after the marks `<!-- verbs -->`, `<!-- shared -->`, `<!-- examples VERB -->` and
+`<!-- options VERB -->`; a test compares the pages with the parser. An option that several verbs have with the same
+meaning is described once, in the index.
 """
 
 from __future__ import annotations
 
 import argparse
 import re
+from collections import Counter
 from pathlib import Path
 
 from framekit.cli.parser import build_parser
 from framekit.cli.verb_table import GROUPS, VERBS, examples_of
 
-PAGE = Path(__file__).parents[1] / "docs" / "cli.md"
-PART = re.compile(r"<!-- (verbs|options) -->\n.*?<!-- end -->\n", re.DOTALL)
+DOCS = Path(__file__).parents[1] / "docs"
+INDEX = DOCS / "cli.md"
+PAGES = [INDEX, *sorted((DOCS / "cli").glob("*.md"))]
+MARK = re.compile(r"<!-- (verbs|shared|examples|options)(?: (\w+))? -->\n.*?<!-- end -->\n", re.DOTALL)
+SHARED_BY = 3
+"""From how many verbs on an option is described in the index only."""
+
+Row = tuple[str, str]
+"""An argument as it is written, and its meaning."""
 
 
-def verbs_text() -> str:
-    """Return the table of all verbs by groups."""
-    rows = [
-        f"| {group if first else ''} | [`{verb}`](#options-of-{verb}) | {row.about} |"
-        for group, verbs in GROUPS.items()
-        for first, (verb, row) in zip((True, *(False,) * len(verbs)), verbs.items(), strict=False)
-    ]
-    return "\n".join(["| group | verb | what it does |", "|---|---|---|", *rows])
-
-
-def options_text(verb: str) -> str:
-    """Return usage, arguments and examples of a verb."""
+def rows_of(verb: str) -> list[Row]:
+    """Return the arguments and options of a verb."""
     parser = build_parser(verb).verbs[verb]
     actions = [action for action in parser._actions if action.dest != "help" and action.help != argparse.SUPPRESS]
-    rows = [f"| {_name(action)} | {_about(action)} |" for action in actions]
-    examples = "\n".join(examples_of(verb))
-    return "\n".join(
-        [
-            f"### Options of {verb}", "", "| argument | meaning |", "|---|---|", *rows, "",
-            "```text", examples, "```",
-        ]
-    )  # fmt: skip
+    return [(_name(action), _about(action)) for action in actions]
 
 
 def _name(action: argparse.Action) -> str:
@@ -61,18 +53,69 @@ def _about(action: argparse.Action) -> str:
     return (action.help or "").replace("%%", "%").replace("|", "\\|")
 
 
-def generated(page: str) -> str:
-    """Return the page with its generated parts made anew."""
+def shared_rows() -> list[Row]:
+    """Return the rows that at least `SHARED_BY` verbs have, in the order of the verbs."""
+    count = Counter(row for verb in VERBS for row in rows_of(verb))
+    return [row for row, verbs in count.items() if verbs >= SHARED_BY]
+
+
+def table(rows: list[Row]) -> list[str]:
+    """Return a table of arguments; nothing for no rows."""
+    lines = [f"| {name} | {about} |" for name, about in rows]
+    return ["| argument | meaning |", "|---|---|", *lines] if rows else []
+
+
+def verbs_text(pages: dict[Path, str]) -> str:
+    """Return the table of all verbs by groups, each with a link to the section of its options."""
+    place = {
+        verb: f"cli/{path.name}#{verb}"
+        for path, text in pages.items()
+        for verb in VERBS
+        if f"\n<!-- options {verb} -->\n" in text
+    }
+    rows = [
+        f"| {group if first else ''} | [`{verb}`]({place[verb]}) | {row.about} |"
+        for group, verbs in GROUPS.items()
+        for first, (verb, row) in zip((True, *(False,) * len(verbs)), verbs.items(), strict=False)
+    ]
+    return "\n".join(["| group | verb | purpose |", "|---|---|---|", *rows])
+
+
+def options_text(verb: str) -> str:
+    """Return the table of the options that only few verbs have, and the names of the shared ones."""
+    shared = set(shared_rows())
+    own = table([row for row in rows_of(verb) if row not in shared])
+    names = [name.split(" ")[0].rstrip("`") + "`" for name, _ in rows_of(verb) if (name, _) in shared]
+    also = f"{'Also' if own else 'Arguments:'} {', '.join(names)} ([shared](../cli.md#options-of-several-verbs))."
+    return "\n".join([*own, *([""] if own and names else []), *([also] if names else [])])
+
+
+def generated(pages: dict[Path, str]) -> dict[Path, str]:
+    """Return the pages with their generated parts made anew."""
 
     def part(match: re.Match[str]) -> str:
-        text = verbs_text() if match[1] == "verbs" else "\n\n".join(map(options_text, VERBS))
-        return f"<!-- {match[1]} -->\n{text}\n<!-- end -->\n"
+        kind, verb = match[1], match[2]
+        if kind == "verbs":
+            text = verbs_text(pages)
+        elif kind == "shared":
+            text = "\n".join(table(shared_rows()))
+        elif kind == "examples":
+            text = "\n".join(["```text", *examples_of(verb), "```"])
+        else:
+            text = options_text(verb)
+        return f"<!-- {' '.join(filter(None, (kind, verb)))} -->\n{text}\n<!-- end -->\n"
 
-    return PART.sub(part, page)
+    return {path: MARK.sub(part, text) for path, text in pages.items()}
+
+
+def read_pages() -> dict[Path, str]:
+    """Return the text of each page of the command line."""
+    return {path: path.read_text("utf-8") for path in PAGES}
 
 
 def main() -> None:
-    PAGE.write_text(generated(PAGE.read_text("utf-8")), "utf-8")
+    for path, text in generated(read_pages()).items():
+        path.write_text(text, "utf-8")
 
 
 if __name__ == "__main__":

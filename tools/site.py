@@ -45,7 +45,8 @@ SECTIONS: dict[str, list[str]] = {
     "Reference": [
         "docs/reference.md", *sorted(str(page.relative_to(ROOT)) for page in ROOT.glob("docs/reference/*.md")),
         "docs/segments.md", *sorted(str(page.relative_to(ROOT)) for page in ROOT.glob("docs/segments/*.md")),
-        "docs/cli.md", "docs/error-codes.md",
+        "docs/cli.md", *sorted(str(page.relative_to(ROOT)) for page in ROOT.glob("docs/cli/*.md")),
+        "docs/error-codes.md",
         "docs/python-api.md", "docs/python-frames.md", "docs/python-runs.md", "docs/glossary.md",
     ],
     "How it works": [

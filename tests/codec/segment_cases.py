@@ -238,7 +238,7 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
         Case("in words, of values", "- {length: n, type: u8, of: [list], unit: words}\n"
              "- {repeat: list, times: n, of: i16, order: little}", {"list": [-1, 2]}, "02 FF FF 02 00", {"n": 2}),
     ),
-    "Repeats, records, choices": (
+    "Lists": (
         Case("a list of records", "- {count: n, type: u8, of: list}\n- repeat: list\n  times: n\n"
              "  of: [{field: a, type: u8}, {field: b, type: u8}]", {"list": [{"a": 1, "b": 2}, {"a": 3, "b": 4}]},
              "02 01 02 03 04", {"n": 2}),
@@ -318,6 +318,8 @@ SECTIONS: dict[str, tuple[Case, ...]] = {
              {"0C 02 06 01 02 61 62 63 01 03 03": "short", "0B 02 06 01 02 61 62 63 01 02 03": "length"},
              top="layouts: {held: [{count: c, type: u8, of: r}, {length: n, type: u8, of: [n, r, d], range: 0..9},"
              " {repeat: r, times: c, of: u8}, {data: d, size: n - 1 - c}]}\n"),
+    ),
+    "Records and choices": (
         Case("a record", "- {include: pair, as: p}", {"p": {"a": 1, "b": 2}}, "01 02",
              top="layouts:\n  pair: [{field: a, type: u8}, {field: b, type: u8}]\n"),
         Case("a layout that stands in itself, at most three deep", "- include: node\n- const: ETX",

@@ -1,4 +1,4 @@
-"""The page of the command line has every option of the parser; terminal pictures come from real runs."""
+"""The pages of the command line have every option of the parser; terminal pictures come from real runs."""
 
 from __future__ import annotations
 
@@ -9,21 +9,25 @@ from html import unescape
 import pytest
 from docs.pages import PAGES, ROOT
 
-from framekit.cli.verb_table import VERBS, examples_of
+from framekit.cli.verb_table import VERBS
 
 sys.path.insert(0, str(ROOT / "tools"))
 import cli_page
 import pictures
 
-PAGE = (ROOT / "docs" / "cli.md").read_text("utf-8")
 
-
-def test_the_page_has_the_options_of_the_parser() -> None:
-    assert cli_page.generated(PAGE) == PAGE, "run python tools/cli_page.py"
+def test_the_pages_have_the_options_of_the_parser() -> None:
+    pages = cli_page.read_pages()
+    assert cli_page.generated(pages) == pages, "run python tools/cli_page.py"
+    index = pages.pop(cli_page.INDEX)
+    assert "| `--retries N` |" in index, "an option of several verbs is described in the index"
+    text = "".join(pages.values())
     for verb in VERBS:
-        part = PAGE.partition(f"### Options of {verb}\n")[2].partition("\n### ")[0]
-        assert all(f"{example}\n" in part for example in examples_of(verb))
-    assert "| `--stations N..N` |" in PAGE and "| `--retries N` |" in PAGE
+        assert f"$ framekit {verb} " in text or f"\nframekit {verb}" in text, f"{verb}: show an example"
+        options = text.partition(f"\n<!-- options {verb} -->\n")[2].partition("<!-- end -->")[0]
+        for name, meaning in cli_page.rows_of(verb):
+            shared = f"`{name.split(' ')[0].strip('`')}`"
+            assert f"| {name} | {meaning} |" in options or (shared in options and f"| {name} | {meaning} |" in index)
 
 
 @pytest.mark.parametrize("picture", pictures.PICTURES, ids=lambda picture: picture.name)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import pytest
 import shipped
@@ -12,7 +11,6 @@ from spread import spread
 from framekit.definition.load.protocol import load_protocol, load_protocol_text
 from framekit.extras.documents.diagrams import diagrams, sequence_diagram
 
-PAGES = Path(__file__).parents[3] / "docs" / "protocols"
 ARROW = re.compile(r"    (\S+) --> (\S+?)(?:: .+)?$")
 
 
@@ -56,7 +54,9 @@ def test_a_page_says_who_runs_what() -> None:
     assert "## slave\n\nRuns by itself in role slave.\n" in page
 
 
-@pytest.mark.parametrize("page", sorted(PAGES.glob("*-sequences.md")), ids=lambda page: page.stem)
-def test_pages_of_the_documentation_are_up_to_date(page: Path) -> None:
-    name = page.stem.removesuffix("-sequences")
-    assert page.read_text(encoding="utf-8") == diagrams(load_protocol(name)), f"framekit generate diagram {name} -o …"
+@pytest.mark.parametrize("name", ["df1", "snp-x", "srtp"])
+def test_a_page_has_a_diagram_of_every_sequence(name: str) -> None:
+    protocol = load_protocol(name)
+    headings = re.findall(r"^## (.*)$", diagrams(protocol), re.MULTILINE)
+    assert headings == list(protocol.sequences)
+    assert diagrams(protocol).count("```mermaid\nstateDiagram-v2\n") == len(headings)
