@@ -15,6 +15,7 @@ from framekit.memory.memory import MemoryValueError
 from framekit.memory.views import ORDERS as ORDERS
 from framekit.memory.views import VIEWS as VIEWS
 from framekit.memory.views import NumberView, view_of
+from framekit.memory.word_order import likely_with_reversed_words, order_of, reversed_view
 
 T = TypeVar("T")
 """Type of the values: int, float or str."""
@@ -210,3 +211,12 @@ def _value_of(text: str, type_: str | None) -> Value:
             "" if type_ in ("float32", "float64") else " – write --type float32 for a fraction, --type string for text"
         )
         raise RequestError(f"'{text}' is no {what}{hint}") from None
+
+
+def likely_order(type_: str, order: str | None, value: Any) -> tuple[str, float] | None:
+    """Return another order of words, and the value in it, if a floating-point value is uncommon and that is common."""
+    view = view_of(type_, order) if type_ in VIEWS else None
+    if not isinstance(view, NumberView) or view.kind != "float":
+        return None
+    other = likely_with_reversed_words(view, value)
+    return None if other is None else (order_of(reversed_view(view)), other)

@@ -268,6 +268,22 @@ def output(arguments: argparse.Namespace, readings: list[Reading[Any]]) -> None:
         for address, some in zip(arguments.addresses, values, strict=True)
     ]
     print(table(rows[1:], rows[0]), flush=True)
+    _hint_at_order(arguments, values)
+
+
+def _hint_at_order(arguments: argparse.Namespace, values: list[list[Any]]) -> None:
+    """Print a line for the first uncommon number that is common with another order of words."""
+    from framekit.api.values import likely_order
+
+    type_ = arguments.type or ""
+    for address, some in zip(arguments.addresses, values, strict=True):
+        for value in some:
+            likely = likely_order(type_, arguments.order, value)
+            if likely is not None:
+                order, other = likely
+                hint = f"{address}: {_shown(value, type_)}, with --order {order} it would be {_shown(other, type_)}"
+                print(f"framekit read: {hint}", file=sys.stderr)
+                return
 
 
 def _shown(value: Any, type_: str) -> str:

@@ -628,6 +628,8 @@ class Point:
     blocks: tuple[int, ...] = ()
     """The ids of the blocks that store the value."""
     scaling: Scaling | None = None
+    order: str | None = None
+    """The order of the bytes of its number as the file gives it; None without `order:`."""
     unit: str = ""
     decimals: int | None = None
     names: Mapping[int, str] = field(default_factory=dict)

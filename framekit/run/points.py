@@ -82,7 +82,7 @@ def scaled(point: Point, number: Any) -> Any:
     """Return the scaled value of a number in memory. Raise ValueError for nan, for infinity, and for an overflow."""
     scaling = point.scaling
     if isinstance(number, float) and not math.isfinite(number):
-        raise ValueError(f"{number} is no number")
+        raise ValueError("not a number (NaN)" if math.isnan(number) else "the number is infinite")
     if scaling is not None:
         exact = EXACT.add(EXACT.multiply(Decimal(number), scaling.factor), scaling.offset)
         number = int(exact) if scaling.is_whole and isinstance(number, int) else float(exact)

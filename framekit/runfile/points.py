@@ -288,6 +288,7 @@ class PointsLoader:
             station=None if channel is None else self._station(keys, group, channel, entry),
             blocks=sources,
             scaling=self._scaling(keys, numeric),
+            order=self.attempts.maybe(reader.text, keys.get("order")),
             unit=self.attempts.maybe(reader.text, keys.get("unit")) or "",
             decimals=self._number_of(keys, "decimals", numeric, reader.number),
             names=self._names(keys),

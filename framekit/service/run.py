@@ -40,6 +40,7 @@ from framekit.service.channel import (
 from framekit.service.client import ClientService
 from framekit.service.device import DeviceService
 from framekit.service.line_delays import LineDelays
+from framekit.service.order_doubts import OrderDoubts
 from framekit.service.points import PointService
 from framekit.service.run_jobs import ResolveHost, RunJobs, jobs_at_work
 from framekit.service.run_loop import RunLoop
@@ -198,6 +199,7 @@ class RunService(ChannelOwner):
         self.values = ValueTroubles(self.troubles, clock, self)
         self.delays.on_explained = self.values.explained
         self.points.table.on_quality = self._point_changed
+        self.order_doubts = OrderDoubts(run.points, self.points.table, self.memory, self.troubles, clock)
         self.sinks = SinkService(run.sinks, run.points, self.points.table, clock, host, self.troubles)
         self.keeper = self._keeper()
         awaited = self._awaited()
@@ -420,6 +422,7 @@ class RunService(ChannelOwner):
     def stop(self) -> None:
         """Stop: no further block starts, ports are closed, and the state is kept."""
         self.values.end()
+        self.order_doubts.end()
         self._standstill.stop()
         self.running = False
         self.scheduler.end()

@@ -73,6 +73,9 @@ def test_write(bench: tuple[str, framekit.Memory], capsys: pytest.CaptureFixture
     assert bench[1].read("40011", 2) == [0x3FC0, 0]
     shown = call(capsys, "read", *line, "40011", "-n", "2", "--type", "float32", "--order", "ABCD")
     assert shown == (0, "40011  1.5 -0.1\n", "")
+    status, out, err = call(capsys, "read", *line, "40011", "--type", "float32")
+    hint = "framekit read: 40011: 2.286919e-41, with --order ABCD it would be 1.5\n"
+    assert (status, out, err) == (0, "40011  2.286919e-41\n", hint)
     status, out, _ = call(capsys, "write", *line, "40021", "Hello", "--type", "string", "-n", "8", "--json")
     assert (status, json.loads(out)) == (0, {"address": "40021", "written": 1})
     assert call(capsys, "read", *line, "40021", "-n", "8", "--type", "string") == (0, "40021  Hello\n", "")

@@ -125,7 +125,7 @@ def test_what_is_no_number_fails_and_the_last_value_stays(tmp_path: Path) -> Non
     device.write("40001", [0x7FC0, 0])
     run.run_for("1 s")
     now = run.points["a"].now
-    assert (now.value, now.quality, now.reason) == (10.0, "failed", "nan is no number")
+    assert (now.value, now.quality, now.reason) == (10.0, "failed", "not a number (NaN)")
     device.write("40001", [0x4120, 0])
     run.run_for("1 s")
     assert run.points["a"].quality == "good"
