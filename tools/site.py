@@ -51,6 +51,7 @@ SECTIONS: dict[str, list[str]] = {
     ],
     "How it works": [
         "docs/architecture.md", "docs/receiver.md", "docs/performance.md", "docs/internals/performance.md",
+        "docs/internals/performance-frames.md",
         "docs/internals/frames.md", "docs/internals/receiver.md", "docs/internals/engine.md",
         "docs/internals/late-replies.md", "docs/internals/speed.md",
         "docs/internals/guess.md", "docs/internals/tests.md", "docs/extending.md",
@@ -83,7 +84,7 @@ def lay_out(pages: Path) -> None:
         shutil.copy(ROOT / file, pages / file)
     tests = pages / "tests"  # pages name a few tests
     text = "".join(page.read_text("utf-8") for page in pages.glob("docs/**/*.md"))
-    for target in ROOT.glob("tests/**/*.py"):
+    for target in [*ROOT.glob("tests/**/*.py"), *ROOT.glob("tests/checklists/*.md")]:
         if f"{target.relative_to(ROOT)})" in text:
             place = tests / target.relative_to(ROOT / "tests")
             place.parent.mkdir(parents=True, exist_ok=True)

@@ -1,8 +1,8 @@
-"""Fill in the sources of the checklists of `docs/protocols` from the files: `python tests/docs/checklists.py`.
+"""Fill in the sources of the checklists in `tests/checklists` from the files: `python tests/docs/checklists.py`.
 
 A checklist begins with a table of its sources: a word, files, and the number of their cases. Then come its rows:
 identifiers of the specification, a description, the state, and the tests: a source by its word, a file by its name, or
-a dash. A row with a dash is not covered, or is on another page.
+a dash. A row with a dash is not covered, or is on another page. The page of the protocol says what is not covered.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from pathlib import Path
 import yaml
 
 ROOT = Path(__file__).parents[2]
+LISTS = ROOT / "tests" / "checklists"
 PAGES = ROOT / "docs" / "protocols"
 SOURCES = "| source | files | cases |"
 ROWS = "| rows | what | state | where tested |"
@@ -39,18 +40,18 @@ class Row:
 
 @dataclass(frozen=True)
 class Checklist:
-    """The checklist of a page."""
+    """The checklist of a protocol."""
 
     page: Path
     sources: dict[str, list[Path]]
     rows: list[Row]
     not_covered: str
-    """Text of the section "not covered"."""
+    """Text of the section "not covered" of the protocol's page."""
 
 
 def checklists() -> list[Path]:
-    """Return the pages with a checklist."""
-    return sorted(path for path in PAGES.glob("*.md") if "\n## Checklist\n" in path.read_text(encoding="utf-8"))
+    """Return the checklists."""
+    return sorted(LISTS.glob("*.md"))
 
 
 def written_out(text: str) -> list[str]:
@@ -66,25 +67,23 @@ def written_out(text: str) -> list[str]:
 
 
 def read(page: Path) -> Checklist:
-    """Return the checklist of a page."""
-    text = page.read_text(encoding="utf-8")
-    lines = text.splitlines()
-    begin = lines.index("## Checklist")
+    """Return the checklist of a file."""
+    lines = page.read_text(encoding="utf-8").splitlines()
     sources: dict[str, list[Path]] = {}
     rows: list[Row] = []
-    for number, cells in _table(lines, SOURCES, begin):
+    for number, cells in _table(lines, SOURCES):
         assert len(cells) == 3, f"{page.name}:{number}"
         sources[cells[0].strip("*")] = [ROOT / name for name in re.findall(r"`([^`]+)`", cells[1])]
-    for number, cells in _table(lines, ROWS, begin):
+    for number, cells in _table(lines, ROWS):
         assert len(cells) == 4, f"{page.name}:{number}: {len(cells)} cells"
         rows.append(Row(number, *cells))
-    _, _, rest = text.partition("\n## Not covered\n")
+    _, _, rest = (PAGES / page.name).read_text(encoding="utf-8").partition("\n## Not covered\n")
     return Checklist(page, sources, rows, rest.partition("\n## ")[0])
 
 
-def _table(lines: list[str], head: str, begin: int) -> Iterator[tuple[int, list[str]]]:
-    """Yield the rows of the first table with this head from a line on: number of the line, cells."""
-    start = lines.index(head, begin) + 2
+def _table(lines: list[str], head: str) -> Iterator[tuple[int, list[str]]]:
+    """Yield the rows of the table with this head: number of the line, cells."""
+    start = lines.index(head) + 2
     for number, line in enumerate(lines[start:], start=start + 1):
         if not line.startswith("|"):
             return
@@ -101,10 +100,10 @@ def cases(path: Path) -> str:
 
 
 def filled_in(page: Path) -> str:
-    """Return the text of a page with the counted cases in the table of sources."""
+    """Return the text of a checklist with the counted cases in the table of sources."""
     lines = page.read_text(encoding="utf-8").splitlines(keepends=True)
     stripped = [line.rstrip("\n") for line in lines]
-    for number, cells in _table(stripped, SOURCES, stripped.index("## Checklist")):
+    for number, cells in _table(stripped, SOURCES):
         files = [ROOT / name for name in re.findall(r"`([^`]+)`", cells[1])]
         counted = "; ".join(dict.fromkeys(cases(file) for file in files))
         lines[number - 1] = f"| {cells[0]} | {cells[1]} | {counted} |\n"
@@ -112,5 +111,5 @@ def filled_in(page: Path) -> str:
 
 
 if __name__ == "__main__":
-    for one in checklists():
-        one.write_text(filled_in(one), encoding="utf-8")
+    for checklist in checklists():
+        checklist.write_text(filled_in(checklist), encoding="utf-8")

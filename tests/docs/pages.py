@@ -10,6 +10,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 TOP = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "SECURITY.md"]
+CHECKLISTS = sorted((ROOT / "tests" / "checklists").glob("*.md"))
 PAGES = [*TOP, ROOT / "examples" / "README.md", *sorted(DOCS.glob("**/*.md"))]
 GUIDE = [DOCS / "language.md", *sorted((DOCS / "language").glob("*.md"))]
 """The guide to the language: pages that people read from top to bottom."""

@@ -1,4 +1,4 @@
-"""The checklists of the protocols' pages are true: their sources exist, and each row is tested or not covered."""
+"""The checklists of the protocols are true: their sources exist, and each row is tested or not covered."""
 
 from __future__ import annotations
 

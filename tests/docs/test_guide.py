@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 from docs.example_keys import Used, examples
-from docs.pages import DOCS, EXAMPLES, GUIDE, PAGES, ROOT, anchors, links, sentences, snippets
+from docs.pages import CHECKLISTS, DOCS, EXAMPLES, GUIDE, PAGES, ROOT, anchors, links, sentences, snippets
 
 from framekit.cli.main import main
 from framekit.definition.keys import properties_of
@@ -93,7 +93,7 @@ def test_every_key_of_a_behaviour_stands_in_an_example_of_its_page() -> None:
     assert of_all - shown == set()
 
 
-@pytest.mark.parametrize("page", [*PAGES, ROOT / "CHANGELOG.md"], ids=name)
+@pytest.mark.parametrize("page", [*PAGES, *CHECKLISTS, ROOT / "CHANGELOG.md"], ids=name)
 def test_links_lead_somewhere(page: Path) -> None:
     wrong = []
     for file, heading in links(page):
