@@ -59,7 +59,7 @@ def main() -> None:
             return seconds
 
         def decoded(target: Path, **how: Any) -> None:
-            done = sum(one.counts["frame"] for one in archive(paths, "modbus-rtu", target, **how))
+            done = sum(capture.counts["frame"] for capture in archive(paths, "modbus-rtu", target, **how))
             assert done == words.frames // words.captures * words.captures, done
 
         if not words.cluster_only:

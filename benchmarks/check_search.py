@@ -55,7 +55,7 @@ def drawn(rng: random.Random, kind: str) -> Frames:
 
 def by_framekit(frames: Frames) -> bool:
     found = find_checks(frames.seen, 0, frames.tail)
-    return bool(found) and all(holds(found[0], one) for one in frames.fresh)
+    return bool(found) and all(holds(found[0], frame) for frame in frames.fresh)
 
 
 def by_crcglot(frames: Frames) -> bool:
@@ -70,7 +70,7 @@ def by_crcglot(frames: Frames) -> bool:
         return False
     own = result.info
     words = own.width, own.poly, own.init, own.refin, own.refout, own.xorout
-    return all(bitwise_crc(one[:-size], *words).to_bytes(size, "big") == one[-size:] for one in frames.fresh)
+    return all(bitwise_crc(frame[:-size], *words).to_bytes(size, "big") == frame[-size:] for frame in frames.fresh)
 
 
 def main() -> None:

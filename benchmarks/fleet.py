@@ -86,7 +86,9 @@ async def _work(paths: list[Path], ended: Any, results: Any) -> None:
         await asyncio.sleep(0.2)
     sinks = [sink for run in runs for sink in run.status().sinks]
     used = resource.getrusage(resource.RUSAGE_SELF)
-    results.put((sum(one.written for one in sinks), sum(one.waiting + one.dropped for one in sinks), used.ru_utime))
+    results.put(
+        (sum(sink.written for sink in sinks), sum(sink.waiting + sink.dropped for sink in sinks), used.ru_utime)
+    )
     for run in runs:
         await run.finish()
     for gateway in gateways:
@@ -212,16 +214,16 @@ def main() -> None:
             process.join()
         fleet.close()
         until = time.monotonic() + 60
-        published = sum(one[0] for one in found)
+        published = sum(result[0] for result in found)
         while subscriber.count < published and time.monotonic() < until:
             time.sleep(0.2)
         subscriber.close()
         broker.end()
     figures["values published"] = published
     figures["values that the subscriber got"] = subscriber.count
-    figures["counts missing"] = subscriber.missing() + sum(one[1] for one in found)
+    figures["counts missing"] = subscriber.missing() + sum(result[1] for result in found)
     figures["counts out of order"] = subscriber.out_of_order()
-    figures["of a core"] = f"{sum(one[2] for one in found) / seconds:.0%}, the start included"
+    figures["of a core"] = f"{sum(result[2] for result in found) / seconds:.0%}, the start included"
     print(json.dumps(figures, indent=1))
 
 

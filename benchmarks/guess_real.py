@@ -167,7 +167,7 @@ def case_of(name: str, count: int, damage: random.Random | None = None) -> RealC
     """Return the first `count` frames of a file; with `damage`, 1 % of them have a wrong bit."""
     truth, chunks = TRUTHS[name], heard(FOLDER / f"{name}.pcap")
     client = chunks[0].direction
-    streams = {way: b"".join(one.data for one in chunks if one.direction == way) for way in ("in", "out")}
+    streams = {way: b"".join(chunk.data for chunk in chunks if chunk.direction == way) for way in ("in", "out")}
     ends = dict.fromkeys(streams, 0)
     every, spans = list[tuple[str, bytes]](), list[tuple[str, int, int]]()
     some, known = list[HeardBytes](), dict.fromkeys(streams, 0)
@@ -210,16 +210,18 @@ def judged_real(case: RealCase) -> Marks:
     framing = sum((found_frames & wanted).values()) >= 0.95 * sum(wanted.values())
     wrong: list[str] = []
     check: bool | None = None
-    checked = [] if case.truth.checked is None else [one for one in case.all if case.truth.checked(one[1])]
+    checked = [] if case.truth.checked is None else [frame for frame in case.all if case.truth.checked(frame[1])]
     checks_found = _checks_of(found)
     right = bool(checks_found) and all(
-        any(_is_right(found, one, frame) for one in checks_found) for _, frame in checked
+        any(_is_right(found, check, frame) for check in checks_found) for _, frame in checked
     )
-    own = [one for one in case.good if case.truth.checked is not None and case.truth.checked(one)]
+    own = [frame for frame in case.good if case.truth.checked is not None and case.truth.checked(frame)]
     wrong += [
-        f"check {one.name or one.method}" for one in checks_found if one.is_sure and not _is_true(found, one, checked)
+        f"check {rule.name or rule.method}"
+        for rule in checks_found
+        if rule.is_sure and not _is_true(found, rule, checked)
     ]  # fmt: skip
-    if len(set(own)) >= 10 and len({len(one) for one in own}) >= 2:
+    if len(set(own)) >= 10 and len({len(frame) for frame in own}) >= 2:
         check = right
     length: bool | None = None
     sure = [statement for statement in found.statements if statement.is_sure]
@@ -230,11 +232,13 @@ def judged_real(case: RealCase) -> Marks:
         length = guessed is not None and (guessed.offset <= low < guessed.end)
         if guessed is not None and guessed.width > 1:
             length = length and guessed.order == order
-    sized = [one for one in sure if "its size is" in one.text]
+    sized = [statement for statement in sure if "its size is" in statement.text]
     if sized and not (framing and length):
         wrong.append(sized[0].text)
     if not framing:
-        wrong += [one.text for one in sure if "by that mark" in one.text or "inside, " in one.text]
+        wrong += [
+            statement.text for statement in sure if "by that mark" in statement.text or "inside, " in statement.text
+        ]
     wrong += _wrong_fields(found, case.truth)
     return Marks(framing, check, length, wrong, len(sure), seconds)
 
@@ -262,10 +266,10 @@ def _wrong_fields(found: Guess, truth: RealTruth) -> list[str]:
     """Return the counters, counts and copies that are reported as sure but wrong."""
     allowed = {"counter": truth.counters, "count": truth.counts, "copy": truth.copies}
     return [
-        f"{kind.name}: {one.kind} at {one.offset}"
+        f"{kind.name}: {field.kind} at {field.offset}"
         for kind in found.kinds
-        for one in kind.fields
-        if one.kind in allowed and one.evidence.chance >= 20 and one.offset not in allowed[one.kind]
+        for field in kind.fields
+        if field.kind in allowed and field.evidence.chance >= 20 and field.offset not in allowed[field.kind]
     ]
 
 
@@ -295,17 +299,17 @@ def main() -> None:
     names = [words.one] if words.one else sorted(TRUTHS)
     with multiprocessing.Pool(words.processes) as pool:
         results = [
-            one for some in pool.map(all_of, [(name, words.seed) for name in names], chunksize=1) for one in some
+            result for some in pool.map(all_of, [(name, words.seed) for name in names], chunksize=1) for result in some
         ]
     rows: dict[str, list[Marks]] = defaultdict(list)
     for name, _, _, marks in results:
         rows[TRUTHS[name].group].append(marks)
     print(f"{len(names)} recordings of programs not written here")
     print(f"{'':<26} {'cases':>6} {'framing':>8} {'check':>8} {'length':>8}")
-    for title, some in [*sorted(rows.items()), ("all", [one[3] for one in results])]:
-        shares = [share([getattr(one, what) for one in some]) for what in ("framing", "check", "length")]
-        print(f"{title:<26} {len(some):>6} " + " ".join(f"{one:>8}" for one in shares))
-    sure, wrong = sum(one[3].sure for one in results), sum(len(one[3].wrong) for one in results)
+    for title, some in [*sorted(rows.items()), ("all", [result[3] for result in results])]:
+        shares = [share([getattr(result, what) for result in some]) for what in ("framing", "check", "length")]
+        print(f"{title:<26} {len(some):>6} " + " ".join(f"{share:>8}" for share in shares))
+    sure, wrong = sum(result[3].sure for result in results), sum(len(result[3].wrong) for result in results)
     slowest = max(result[3].seconds for result in results)
     print(f"sure statements: {sure}, wrong among them: {wrong} ({wrong / max(1, sure):.2%}), slowest {slowest:.2f} s")
     for name, count, damaged, marks in results:

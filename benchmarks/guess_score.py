@@ -178,12 +178,12 @@ def framed(made: Protocol, content: bytes) -> bytes:
         case "hdlc":
             return (
                 b"~"
-                + b"".join(bytes([0x7D, one ^ 0x20]) if one in (0x7D, 0x7E) else bytes([one]) for one in inner)
+                + b"".join(bytes([0x7D, byte ^ 0x20]) if byte in (0x7D, 0x7E) else bytes([byte]) for byte in inner)
                 + b"~"
             )
         case "slip":
             codes = {0xC0: b"\xdb\xdc", 0xDB: b"\xdb\xdd"}
-            return b"\xc0" + b"".join(codes.get(one, bytes([one])) for one in inner) + b"\xc0"
+            return b"\xc0" + b"".join(codes.get(byte, bytes([byte])) for byte in inner) + b"\xc0"
         case "dle":
             return b"\x10\x02" + inner.replace(b"\x10", b"\x10\x10") + b"\x10\x03"
         case "cobs":
@@ -265,14 +265,14 @@ def judged(case: Case) -> Marks:
     if case.made.framing in ("hdlc", "slip", "cobs"):  # a mark between two frames may belong to either
         mark = {"hdlc": b"~", "slip": b"\xc0", "cobs": b"\0"}[case.made.framing]
         found_frames, wanted = (
-            Counter({one.strip(mark): 0 for one in some}) + Counter(x.strip(mark) for x in some.elements())
+            Counter({score.strip(mark): 0 for score in some}) + Counter(x.strip(mark) for x in some.elements())
             for some in (found_frames, wanted)
         )
     hit = sum((found_frames & wanted).values())
     framing = hit >= 0.95 * sum(wanted.values())
     wrong: list[str] = []
     check: bool | None = None
-    sizes = {len(one) for one in case.good}
+    sizes = {len(frame) for frame in case.good}
     if case.made.check.kind != "none":
         right = found.check is not None and _check_is_right(found, case)
         if found.check is not None and found.check.is_sure and not right:
@@ -346,12 +346,12 @@ def main() -> None:
         rows[f"check {check}"].append(marks)
     print(f"seed {seed}, {len(results)} made-up protocols")
     print(f"{'':<20} {'cases':>6} {'framing':>8} {'check':>8} {'length':>8}")
-    for name, some in [*sorted(rows.items()), ("all", [one[4] for one in results])]:
-        shares = [share([getattr(one, what) for one in some]) for what in ("framing", "check", "length")]
-        print(f"{name:<20} {len(some):>6} " + " ".join(f"{one:>8}" for one in shares))
-    sure = sum(one[4].sure for one in results)
+    for name, some in [*sorted(rows.items()), ("all", [result[4] for result in results])]:
+        shares = [share([getattr(score, what) for score in some]) for what in ("framing", "check", "length")]
+        print(f"{name:<20} {len(some):>6} " + " ".join(f"{share:>8}" for share in shares))
+    sure = sum(result[4].sure for result in results)
     wrong = [(result[0], said) for result in results for said in result[4].wrong]
-    slowest = max(one[4].seconds for one in results)
+    slowest = max(result[4].seconds for result in results)
     print(
         json.dumps(
             {
@@ -371,7 +371,7 @@ def main() -> None:
 
 
 def share(some: list[bool | None]) -> str:
-    known = [one for one in some if one is not None]
+    known = [score for score in some if score is not None]
     return f"{sum(known) / len(known):.1%}" if known else "-"
 
 

@@ -261,7 +261,9 @@ def main() -> int:
         random_bytes = Random(1).randbytes(65536)
         for piece in (PIECE, SMALL):
             count, data = worst(link, arguments.seconds, piece)
-            took, usual = (min(seconds(link, one, piece) for _ in range(3)) for one in (data * 20, random_bytes))
+            took, usual = (
+                min(seconds(link, content, piece) for _ in range(3)) for content in (data * 20, random_bytes)
+            )
             print(
                 f"{link!s:<22}{piece:>5} random {1e6 * usual:5.2f} µs   worst {1e6 * took:5.2f} µs, {count:.1f} calls",
                 flush=True,

@@ -63,7 +63,7 @@ class Trial:
     def told(self, *what: str) -> bool:
         """Return whether a matrix error of `check` contains one of these texts."""
         problems = [problem.what for problem in check_matrices(self.protocol) if not problem.warning]
-        return any(one in problem for one in what for problem in problems)
+        return any(words in problem for words in what for problem in problems)
 
     # ---- building -----------------------------------------------------------------------------------------
 
@@ -99,7 +99,11 @@ class Trial:
 
     def built_by_keywords(self, data: bytes) -> None:
         """Assert that a builder makes the same bytes; constants of `where` are not among its keywords."""
-        fixed = {one.name for one in self.protocol.frames["f"].segments if isinstance(one, Field) and one.constants}
+        fixed = {
+            segment.name
+            for segment in self.protocol.frames["f"].segments
+            if isinstance(segment, Field) and segment.constants
+        }
         builder = Builders(self.codec, self.codec.defaults).builder("f")
         fixed -= set(signature(builder).parameters)
         made = builder(**{name: value for name, value in self.values.items() if name not in fixed})
@@ -183,7 +187,7 @@ class Trial:
             assert found == whole, f"{stream.hex(' ')} cut otherwise: {found} is not {whole}"
         if data and self.codec.measure("f", data) == len(data):
             first = self._received([data])[:1]
-            assert [one[:3] for one in first] == [("frame", "f", data)], f"{data.hex(' ')} is received as {first}"
+            assert [event[:3] for event in first] == [("frame", "f", data)], f"{data.hex(' ')} is received as {first}"
 
     def _received(self, pieces: list[bytes]) -> list[tuple[Any, ...]]:
         receiver = Receiver(self.codec, self.protocol, Scope(self.protocol, params={}, line=LineFormat(9600)))

@@ -228,7 +228,7 @@ class DrawnDefinition:
             frame |= {"size": self.random.randrange(4, 40), "fill": "2A"}
         if self.chance(0.1):
             frame["refuse"] = 7
-        first = next((one for one in frame["body"] if one.get("type") == "u8" and "field" in one), None)
+        first = next((segment for segment in frame["body"] if segment.get("type") == "u8" and "field" in segment), None)
         if self.chance(0.3):
             self.groups["g"] = {"head": frame["body"][:1], "tail": frame["body"][-1:]}
             frame |= {"group": "g", "body": frame["body"][1:-1]}
@@ -528,7 +528,7 @@ def _items(
         scope.sized.append(name)
         return segment
     if drawn.chance(0.4):
-        kind = dict(drawn.random.choice([one for one in TYPES if one.get("size") != "§"]))
+        kind = dict(drawn.random.choice([form for form in TYPES if form.get("size") != "§"]))
         segment["of"] = kind.pop("type")
         segment |= kind
         if times != 1 and drawn.apart.random() < 0.3:

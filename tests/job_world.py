@@ -109,7 +109,7 @@ class JobWorld:
             if ending <= self.now:
                 index = next(index for index, (at, _) in enumerate(self.ends) if at == ending)
                 _, attempt = self.ends.pop(index)
-                self.running = [one for one in self.running if one[1] is not attempt]
+                self.running = [job for job in self.running if job[1] is not attempt]
                 failure, self.next_failure = self.next_failure, None
                 self.finish(attempt, failure)
             self.table.tick(self.now)

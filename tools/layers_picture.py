@@ -37,7 +37,9 @@ class Layer(NamedTuple):
 def layers() -> list[Layer]:
     """Return the layers of the contract, the highest first, without single modules."""
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
-    (contract,) = (one for one in settings["tool"]["importlinter"]["contracts"] if one["type"] == "layers")
+    (contract,) = (
+        contract for contract in settings["tool"]["importlinter"]["contracts"] if contract["type"] == "layers"
+    )
     folders = [ROOT / name.replace(".", "/") for name in contract["layers"]]
     return [_layer(folder) for folder in folders if folder.is_dir()]
 

@@ -84,8 +84,8 @@ class ReadingBlocks:
     def __init__(self, port: int, folder: Path) -> None:
         file = folder / "poll.run.yaml"
         blocks = "".join(
-            f'  {one}: {{read: "40001", count: 10, channel: 1, into: D00{one}00, when: block {3 - one} done}}\n'
-            for one in (1, 2)
+            f'  {at}: {{read: "40001", count: 10, channel: 1, into: D00{at}00, when: block {3 - at} done}}\n'
+            for at in (1, 2)
         )
         file.write_text(
             "run: poll\nmemory: masterlogic\nchannels:\n"

@@ -115,8 +115,8 @@ def blocks_of(port: int, folder: Path) -> RunService:
     """Return a run with two READ blocks, each due when the other has ended, with a monitor of frames."""
     file = folder / "reads.run.yaml"
     blocks = "".join(
-        f'  {one}: {{read: "40001", count: 10, channel: 1, into: D00{one}00, when: block {3 - one} done}}\n'
-        for one in (1, 2)
+        f'  {at}: {{read: "40001", count: 10, channel: 1, into: D00{at}00, when: block {3 - at} done}}\n'
+        for at in (1, 2)
     )
     channel = f"{{port: tcp://127.0.0.1:{port}, protocol: modbus-tcp, station: 1}}"
     text = f"run: reads\nmemory: masterlogic\nchannels:\n  1: {channel}\nblocks:\n{blocks}"

@@ -55,12 +55,12 @@ def test_bare_in_struct_array_and_greedy_range(weigh: framekit.Protocol) -> None
     values = {"ask": {"station": 12}, "answers": [{"d": b"xyz"}, {"d": b""}], "after": 9}
     data = record.build(values)
     found = record.parse(data)
-    assert (found.ask.station, [one.d for one in found.answers], found.after) == (12, [b"xyz", b""], 9)
+    assert (found.ask.station, [answer.d for answer in found.answers], found.after) == (12, [b"xyz", b""], 9)
     many = construct.GreedyRange(answer)
-    assert [one.d for one in many.parse(many.build([{"d": bytes(n)} for n in range(40)]))] == [
+    assert [record.d for record in many.parse(many.build([{"d": bytes(n)} for n in range(40)]))] == [
         bytes(n) for n in range(40)
     ]
-    assert [one.text for one in construct.GreedyRange(weigh.construct("line")).parse(b"a\rbc\r\rrest")] == [
+    assert [line.text for line in construct.GreedyRange(weigh.construct("line")).parse(b"a\rbc\r\rrest")] == [
         "a",
         "bc",
         "",

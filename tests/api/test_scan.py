@@ -61,7 +61,7 @@ def test_every_shipped_protocol_with_a_client_finds_its_device(
         stations = [present]
     timeout = None if name in SLOW else TIMEOUT
     found = framekit.scan(protocol, "sim:far.device.yaml", stations=stations, own=OWN.get(name), timeout=timeout)
-    answers = [(one.station if name != "snp-x" else "AB", one.answer) for one in found]
+    answers = [(device.station if name != "snp-x" else "AB", device.answer) for device in found]
     if name == "fins-tcp":  # a node of FINS on TCP answers for the address that it is given
         assert (present, "answers") in answers
     else:
@@ -124,13 +124,13 @@ PROBE
 def test_a_wrong_probe_is_an_error_of_the_definition(probe: str, problem: str, tmp_path: Path) -> None:
     with pytest.raises(framekit.DefinitionError) as error:
         load_protocol(written(tmp_path, OWN_PROTOCOL.replace("PROBE", probe)))
-    (only,) = [one for one in error.value.problems if not one.warning]
+    (only,) = [problem for problem in error.value.problems if not problem.warning]
     assert problem in str(only) and only.at.line == 20
 
 
 def test_a_probe_that_reads_an_unknown_address_is_an_error_of_the_check(tmp_path: Path) -> None:
     text = "protocol: own\nextends: modbus-rtu\nprobe: {read: M1}\n"
-    (problem,) = [one for one in check_file(written(tmp_path, text)).problems if not one.warning]
+    (problem,) = [problem for problem in check_file(written(tmp_path, text)).problems if not problem.warning]
     assert str(problem).startswith(f"{tmp_path / 'own.yaml'}:3:8: 'M1' is not an address – write it like")
     with pytest.raises(framekit.RequestError, match="'M1' is not an address"):
         Scan(str(tmp_path / "own.yaml"), "sim:x.device.yaml")
@@ -193,7 +193,7 @@ def test_several_hosts_over_tcp(monkeypatch: pytest.MonkeyPatch) -> None:
             return [device async for device in scan.devices()], scan
 
     found, scan = asyncio.run(scanned())
-    assert [(one.station, one.answer) for one in found if one.port.startswith("tcp://127.0.0.1")] == [
+    assert [(device.station, device.answer) for device in found if device.port.startswith("tcp://127.0.0.1")] == [
         (1, "answers"), (2, "answers"),
     ]  # fmt: skip
     assert len(scan.unreachable) == 1 and scan.done == scan.total == 6
@@ -235,4 +235,4 @@ def test_each_speed_and_format_is_tried(tmp_path: Path, monkeypatch: pytest.Monk
     found = framekit.scan(
         "modbus-rtu", "sim:far.device.yaml", stations=[3], speeds=[9600, 19200], formats=["8N1", "8E1"]
     )
-    assert [one.line for one in found] == ["9600 8N1", "9600 8E1", "19200 8N1", "19200 8E1"]
+    assert [device.line for device in found] == ["9600 8N1", "9600 8E1", "19200 8N1", "19200 8E1"]

@@ -182,7 +182,7 @@ conversations:
 """  # noqa: E501
     (tmp_path / "typed.yaml").write_text(definition, "utf-8")
     (tmp_path / "typed.vectors.yaml").write_text(vectors, "utf-8")
-    results = {one.name: one.problems for one in run_vectors(tmp_path / "typed.yaml")}
+    results = {result.name: result.problems for result in run_vectors(tmp_path / "typed.yaml")}
     (problem,) = results.pop("wrong")
     assert results == dict.fromkeys(("read", "write", "raw", "serve"), ())
     assert problem.endswith("F1 holds [1.5] afterwards, expected [1.75]")

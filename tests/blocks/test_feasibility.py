@@ -108,7 +108,7 @@ def test_exchanges_much_longer_than_their_cycles(tmp_path: Path) -> None:
     """A period is over before each block had its turn."""
     blocks = "".join(f'  {n}: {{read: "40001", into: M20{n}, every: 20 ms}}\n' for n in range(6))
     found = loads(tmp_path, blocks, *[40] * 6)
-    assert all(200 * MS < one.reached < 300 * MS for one in by_number(found).values())
+    assert all(200 * MS < load.reached < 300 * MS for load in by_number(found).values())
 
 
 def test_a_full_channel_is_not_too_full(tmp_path: Path) -> None:

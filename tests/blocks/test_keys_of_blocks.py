@@ -68,5 +68,5 @@ def test_a_key_has_an_effect_or_is_told(instruction: str, tmp_path: Path) -> Non
         if not problem.warning and " already" not in problem.what:
             messages.setdefault(keys[problem.at.line - first], []).append(problem.what)
     assert {key: messages.get(key) for key in keys if key not in EFFECT[instruction] and key not in messages} == {}
-    in_vain = {key: what for key, what in messages.items() if any("has no effect" in one for one in what)}
+    in_vain = {key: what for key, what in messages.items() if any("has no effect" in message for message in what)}
     assert in_vain.keys().isdisjoint(EFFECT[instruction])

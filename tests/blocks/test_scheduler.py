@@ -42,7 +42,7 @@ class Bench:
         self.duration = duration
         self.now = 0
         self.bad: set[int] = set()
-        channels = {one.channel: pause for one in blocks}
+        channels = {block.channel: pause for block in blocks}
         self.scheduler = Scheduler(blocks, self.memory, resolve, channels, self._start, lambda: None)
         self.scheduler.begin(0)
 
@@ -233,7 +233,7 @@ class AtOnce:
         self.now = 0
         self.waits: set[int] = set()
         self.starts: list[tuple[int, int]] = []
-        channels = {one.channel: 0 for one in blocks}
+        channels = {block.channel: 0 for block in blocks}
         memory = DeviceMemory([Area("M", size=100)])
         self.scheduler = Scheduler(blocks, memory, resolve, channels, self._start, lambda: None)
         for number in channels:

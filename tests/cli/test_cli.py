@@ -342,13 +342,15 @@ def test_decode_says_why_bytes_are_no_frame(
 
 def test_frames_lists_protocols_and_fields(capsys: pytest.CaptureFixture[str]) -> None:
     _, protocols, _ = call(capsys, "frames")
-    listed = [protocols.index(f" {one} ") for one in ("fins-tcp", "host-link", "mewtocol")]
+    listed = [protocols.index(f" {name} ") for name in ("fins-tcp", "host-link", "mewtocol")]
     assert "\nModbus " in protocols and listed == sorted(listed)
-    families = {one["name"]: one["family"] for one in json.loads(call(capsys, "frames", "--json")[1])}
+    families = {protocol["name"]: protocol["family"] for protocol in json.loads(call(capsys, "frames", "--json")[1])}
     assert {"mldp", "modbus-rtu", "third-party-plc"} <= families.keys()
     assert families["commreq-ccm"] == families["commreq"] == "GE Fanuc", "what extends another is of its family"
     assert all(families.values()), "a shipped definition says at its head whose it is, by family:"
-    assert all(one["about"] for one in json.loads(call(capsys, "frames", "--json")[1])), "and what it is, by about:"
+    assert all(protocol["about"] for protocol in json.loads(call(capsys, "frames", "--json")[1])), (
+        "and what it is, by about:"
+    )
     _, frames, _ = call(capsys, "frames", "third-party-plc")
     assert "WR.REQ" in frames and "payload" in frames
     listed = json.loads(call(capsys, "frames", "mldp", "--json")[1])
@@ -360,7 +362,7 @@ def test_c_is_written_into_a_directory_and_strict_minds_what_is_left_out(
 ) -> None:
     folder = tmp_path / "made"
     assert call(capsys, "generate", "c", "ccm", "-o", str(folder), "--strict")[0] == 0
-    assert {one.name for one in folder.iterdir()} == {"ccm.h", "ccm.c"}
+    assert {path.name for path in folder.iterdir()} == {"ccm.h", "ccm.c"}
     path = tmp_path / "keyed.yaml"
     path.write_text(
         "protocol: keyed\nparams: {k: {type: bytes, size: 16, secret: yes}}\nframes:\n"

@@ -55,7 +55,7 @@ def test_repetitions_are_carried_out(server: framekit.Server, capsys: pytest.Cap
     assert commreq(server, "--json", *transfer(2003, times=4, every=2)) == 0
     command, *rest = (json.loads(line) for line in shown(capsys))
     assert command["status"] in (1, 0x0290), "late on a busy machine"
-    ends = [one["transfers"] for one in rest if not one["late"]]
+    ends = [event["transfers"] for event in rest if not event["late"]]
     assert ends[-1] == 4 and rest[-1]["active"] is False and rest[-1]["time"] >= 0.06
 
 

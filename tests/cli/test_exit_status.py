@@ -159,7 +159,7 @@ def test_verbs_end_with_these_codes(
     assert "Traceback" not in output.err
     if verb not in WITH_JSON:
         return
-    errors = [one for one in map(json.loads, output.out.splitlines()) if "error" in one]
+    errors = [record for record in map(json.loads, output.out.splitlines()) if "error" in record]
     assert len(errors) == 1
     assert errors[0]["message"] in output.err
     if code == 2:

@@ -94,7 +94,7 @@ def test_the_help_of_a_verb_ends_with_its_examples(verb: str, capsys: pytest.Cap
 
 
 @pytest.mark.usefixtures("small_heap")
-@pytest.mark.parametrize("example", [one for verb in VERBS for one in examples_of(verb)])
+@pytest.mark.parametrize("example", [example for verb in VERBS for example in examples_of(verb)])
 def test_examples_work(
     example: str, examples: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

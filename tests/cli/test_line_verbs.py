@@ -251,7 +251,7 @@ def test_a_monitor_of_datagrams_says_who_sent_them() -> None:
     finally:
         for sender in senders:
             sender.close()
-    assert [one.client for one in seen if one.kind == "frame"] == names
+    assert [event.client for event in seen if event.kind == "frame"] == names
     assert f"0.500  {names[0]} ← request_adu" in seen_text(seen[1], 0.5, "")
     assert seen_data(seen[1], 0.5, contents_of(load_protocol("modbus-rtu")))["client"] == names[0]
 

@@ -270,7 +270,7 @@ def test_the_log_may_lose_its_reader(pipes: Callable[[], tuple[Pipe, Pipe]]) -> 
         print("two", file=sys.stderr)
         print("goes on")
         assert output.line() == "goes on"
-        assert [str(one) for one in troubles.present()] == ["standard error: its reader has gone"]
+        assert [str(trouble) for trouble in troubles.present()] == ["standard error: its reader has gone"]
 
 
 class Disk(io.RawIOBase):

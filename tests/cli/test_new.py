@@ -19,8 +19,8 @@ def test_what_is_laid_out_runs(
     monkeypatch.chdir(tmp_path)
     assert main(["new", "protocol", "acme-meter"]) == 0
     written = capsys.readouterr().out.splitlines()
-    assert "framekit-acme-meter/pyproject.toml" in written and all((tmp_path / one).is_file() for one in written)
-    assert not any("$" in (tmp_path / one).read_text("utf-8") for one in written)
+    assert "framekit-acme-meter/pyproject.toml" in written and all((tmp_path / file).is_file() for file in written)
+    assert not any("$" in (tmp_path / file).read_text("utf-8") for file in written)
     folder = tmp_path / "framekit-acme-meter" / "framekit_acme_meter"
     for verb in ("check", "test"):
         assert main([verb, str(folder / "acme-meter.yaml")]) == 0

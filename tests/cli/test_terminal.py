@@ -91,7 +91,7 @@ def test_short_work_has_none_and_no_other_stream_has_one(monkeypatch: pytest.Mon
         pass
     monkeypatch.setenv("TERM", "dumb")
     with ProgressLine("test", stream=terminal, after=0), ProgressLine("test", stream=pipe, after=0):
-        assert not [one for one in threading.enumerate() if one.name == "tells how far it is"]
+        assert not [thread for thread in threading.enumerate() if thread.name == "tells how far it is"]
     assert terminal.getvalue() == pipe.getvalue() == ""
 
 

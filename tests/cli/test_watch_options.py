@@ -91,7 +91,7 @@ def test_capture_and_status_of_a_virtual_run(tmp_path: Path, capsys: pytest.Capt
     assert "·07rSS0206%MW25006%MW260·77" in capsys.readouterr().out
     assert main(["run", str(TWO), "--virtual", "--for", "1s", "--capture", str(tmp_path / "x.pcap"), "--status"]) == 0
     assert "mldp client" in capsys.readouterr().out
-    assert sorted(one.name for one in tmp_path.glob("*.pcap")) == ["x-1.pcap", "x-2.pcap"]
+    assert sorted(path.name for path in tmp_path.glob("*.pcap")) == ["x-1.pcap", "x-2.pcap"]
 
 
 @pytest.mark.long
@@ -153,7 +153,7 @@ def test_sigusr1_shows_the_status() -> None:
 def test_the_log_is_silent_unless_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
     logger = logging.getLogger("framekit")
     before = list(logger.handlers)
-    assert any(isinstance(one, logging.NullHandler) for one in before)
+    assert any(isinstance(handler, logging.NullHandler) for handler in before)
     begin_log(None)
     assert logger.handlers == before
     begin_log("info")

@@ -182,11 +182,11 @@ frames:
 
 def test_a_frame_inside_that_may_begin_one_tried_before_it() -> None:
     found = check_matrices(load_protocol_text(INSIDE.format(order="long, short")))
-    (problem,) = [one for one in found if "may be the beginning of" in one.what]
+    (problem,) = [problem for problem in found if "may be the beginning of" in problem.what]
     assert problem.what.startswith("'short' in 'f' may be the beginning of a frame that is tried first: 02 ")
     assert not problem.warning and problem.at.line == 4
     found = check_matrices(load_protocol_text(INSIDE.format(order="short, long")))
-    assert not any("may be the beginning of" in one.what for one in found)
+    assert not any("may be the beginning of" in problem.what for problem in found)
 
 
 def test_while_a_frame_inside_wants_more_none_behind_it_is_taken() -> None:

@@ -115,7 +115,9 @@ class Both:
         whole = values = dict[str, Any]()
         for depth, level in enumerate(parameters.levels):
             values |= {
-                one.key: keywords[one.name] for one in parameters.all if one.depth == depth and one.name in keywords
+                parameter.key: keywords[parameter.name]
+                for parameter in parameters.all
+                if parameter.depth == depth and parameter.name in keywords
             }
             if level.inner is not None:
                 inside: dict[str, Any] = {}

@@ -85,13 +85,13 @@ FRAMES_OF = {
     "slip": (
         SLIP,
         "packet",
-        [compiled(SLIP)[1].encode("packet", {"packet": one}) for one in (b"a", b"\xc0", b"\xdb" * 9)],
+        [compiled(SLIP)[1].encode("packet", {"packet": content}) for content in (b"a", b"\xc0", b"\xdb" * 9)],
     ),
 }
 
 
 def others(found: list[tuple[Any, ...]]) -> list[tuple[Any, ...]]:
-    return [one for one in found if one[0] != "frame"]
+    return [event for event in found if event[0] != "frame"]
 
 
 @pytest.mark.parametrize("name", FRAMES_OF)
@@ -105,7 +105,7 @@ def test_a_delimiter_ends_a_frame_and_begins_the_next(name: str, between: int) -
         stream += one[1:] if between < 0 else flag * between + one
     stream += flag * max(between, 0)
     whole = feed(receiver_of(text), [stream], (frame,))
-    assert [one[2] for one in whole] == sent and not others(whole)
+    assert [event[2] for event in whole] == sent and not others(whole)
     assert all(stream[offset : offset + len(raw)] == raw for _, _, raw, offset, _ in whole)
     assert feed(receiver_of(text), [stream[at : at + 1] for at in range(len(stream))], (frame,)) == whole
     choose = random.Random(between)
@@ -134,7 +134,7 @@ def test_what_is_damaged_costs_nothing_else(name: str, resync: str) -> None:
     whole = feed(receiver_of(text), [stream], (frame,))
     good = [sent[1]] if resync == "after_quiet" else [sent[1], sent[2]]
     assert [event[2] for event in whole if event[0] == "frame"] == good
-    assert [one[3] for one in whole if one[0] == "bad"] == [broken]
+    assert [event[3] for event in whole if event[0] == "bad"] == [broken]
     assert whole[0] == ("noise", b"xy", 0, False)
     assert feed(receiver_of(text), [stream[at : at + 1] for at in range(len(stream))], (frame,)) == whole
 
@@ -152,7 +152,7 @@ def test_a_pause_between_frames_is_none_in_a_frame() -> None:
     assert comparable(arrived) == ("frame", "frame", frame, len(frame) - 1, None)
     assert arrived.times == (2 * 10**12, 2 * 10**12)  # type: ignore[union-attr]
     receiver.append(frame[1:], 3 * 10**12, [CharacterFault(1, LineFault.PARITY)])
-    assert [comparable(one)[:3] for one in receiver.arrivals(("frame",))][:1] == [("bad", "frame", "parity")]
+    assert [comparable(event)[:3] for event in receiver.arrivals(("frame",))][:1] == [("bad", "frame", "parity")]
     receiver.flush()
     assert receiver.is_empty and not receiver.flush()
 
@@ -171,10 +171,10 @@ def test_packets_of_sliplib_in_a_stream() -> None:
     """sliplib writes one END between two packets; its driver reads our packets."""
     sliplib = pytest.importorskip("sliplib", reason="sliplib is not installed")
     packets = [b"\xc0", b"\xdb\xdc", b"plain", bytes(range(256))]
-    stream = b"\xc0" + b"\xc0".join(sliplib.encode(one) for one in packets) + b"\xc0"
+    stream = b"\xc0" + b"\xc0".join(sliplib.encode(packet) for packet in packets) + b"\xc0"
     found = feed(receiver_of(SLIP), [stream], ("packet",))
     codec = compiled(SLIP)[1]
-    assert [codec.decode("packet", one[2])["packet"] for one in found] == packets
+    assert [codec.decode("packet", event[2])["packet"] for event in found] == packets
     reader = sliplib.Driver()
     reader.receive(b"".join(codec.encode("packet", {"packet": packet}) for packet in packets))
     assert [reader.get(block=False) for _ in packets] == packets
@@ -188,4 +188,4 @@ def test_the_same_as_cobs(start: bytes, more: int) -> None:
     assert codec.encode("packet", {"packet": packet}) == wire(packet)
     assert codec.decode("packet", wire(packet))["packet"] == packet
     found = feed(receiver_of(COBS), [wire(packet) + wire(start + b"\1")], ("packet",))
-    assert [codec.decode("packet", one[2])["packet"] for one in found] == [packet, start + b"\1"]
+    assert [codec.decode("packet", event[2])["packet"] for event in found] == [packet, start + b"\1"]

@@ -227,7 +227,7 @@ def test_a_fold_is_left_to_the_compilers() -> None:
 def test_source_names_everything_it_uses(name: str) -> None:
     method = ready_methods()[name]
     source = source_of(method, "frame[1:]")
-    names: dict[str, object] = {one: getattr(support, one) for one in (*source.functions, *source.makers)}
+    names: dict[str, object] = {name: getattr(support, name) for name in (*source.functions, *source.makers)}
     for line in (*source.imports, *(f"{constant} = {text}" for constant, text in source.constants)):
         exec(line, names)
     names["frame"] = b"#" + NINE

@@ -196,11 +196,11 @@ def test_a_listener_shows_plain_content_where_it_knows_the_key(key: bytes | None
         now += 1_041_667 * len(data[start : start + piece])
         listener.receive(data[start : start + piece], now, (), "in")
     listener.tick(now + 1_000_000_000)
-    assert not any(shows_key(repr(one)) for one in seen)
+    assert not any(shows_key(repr(event)) for event in seen)
     kinds = [event.kind for event in seen]
     if key == SECRET:
         assert kinds == ["frame", "bad", "frame"] and "check" in str(seen[1])
-        assert [one.fields["d"] for one in seen if one.kind == "frame"] == [b"one", b"three"]
+        assert [event.fields["d"] for event in seen if event.kind == "frame"] == [b"one", b"three"]
     else:
         assert "frame" not in kinds and "bad" in kinds
 

@@ -36,26 +36,32 @@ def records(count: int) -> str:
 SHAPES: dict[str, Callable[[int], str]] = {
     "frames": lambda count: (
         "frames:\n"
-        + "".join(f"  f{one}: {{body: [{{const: {constant(one)}}}, {{field: a, type: u8}}]}}\n" for one in range(count))
+        + "".join(
+            f"  f{number}: {{body: [{{const: {constant(number)}}}, {{field: a, type: u8}}]}}\n"
+            for number in range(count)
+        )
     ),
-    "fields": lambda count: body(*(f"field: a{one}, type: u8" for one in range(count))),
+    "fields": lambda count: body(*(f"field: a{number}, type: u8" for number in range(count))),
     "fields with lengths": lambda count: body(
-        *(f"length: n{one}, type: u8, of: d{one}}}\n      - {{data: d{one}, size: n{one}" for one in range(count))
+        *(
+            f"length: n{number}, type: u8, of: d{number}}}\n      - {{data: d{number}, size: n{number}"
+            for number in range(count)
+        )
     ),
-    "conditions": lambda count: body("field: a, type: u32", *(f"require: 'a != {one}'" for one in range(count))),
+    "conditions": lambda count: body("field: a, type: u32", *(f"require: 'a != {number}'" for number in range(count))),
     "optional fields": lambda count: body(
-        "field: a, type: u32", *(f"field: b{one}, type: u8, when: a == {one}" for one in range(count))
+        "field: a, type: u32", *(f"field: b{number}, type: u8, when: a == {number}" for number in range(count))
     ),
     "cases": lambda count: body("field: a, type: u16", f"choose: a, cases: {{{cases(count)}}}"),
     "cases whose fields are read": lambda count: body(
         "field: a, type: u16",
         f"choose: a, cases: {{{cases(count)}}}",
-        *(f"require: 'either(x{one}, 0) < 200'" for one in range(count)),
+        *(f"require: 'either(x{number}, 0) < 200'" for number in range(count)),
     ),
     "cases whose records are read": lambda count: body(
         "field: a, type: u16",
         f"choose: a, cases: {{{records(count)}}}",
-        *(f"require: 'either(r{one}.x, 0) < 200'" for one in range(count)),
+        *(f"require: 'either(r{number}.x, 0) < 200'" for number in range(count)),
     ),
 }
 

@@ -69,7 +69,7 @@ def test_wrong_contents_are_problems(tmp_path: Path, shows: str, problem: str) -
     path = tmp_path / "shown.yaml"
     text = TEXT.replace("{kind: {1: pair, 2: list}}", shows).replace("  list:", "  d: [{field: x, type: u8}]\n  list:")
     path.write_text(text, encoding="utf-8")
-    found = [one.what for one in check_file(path).problems]
+    found = [problem.what for problem in check_file(path).problems]
     assert any(what.startswith(problem) for what in found), found
 
 
@@ -136,7 +136,9 @@ def test_monitors_show_the_text_beside_mailboxes_of_srtp(tmp_path: Path) -> None
     assert all(block.done for block in service.status())
     contents = contents_of(protocol)
     seen = [entry.seen for entry in log.since(0) if entry.seen.frame == "reply_pdu" and entry.seen.fields.get("text")]
-    shown = [[*contents.to_plain(one.frame, one.fields, one.request).keys() - one.fields.keys()] for one in seen]
+    shown = [
+        [*contents.to_plain(event.frame, event.fields, event.request).keys() - event.fields.keys()] for event in seen
+    ]
     assert shown == [
         ["time_date"], ["plc_fault_table"], ["io_fault_table"], ["controller"], ["name_list"], ["datagram_values"], [],
     ]  # fmt: skip

@@ -262,7 +262,7 @@ def shape_of(part: str) -> str:
             after = zip([None, *node.body], node.body, strict=False)
             documented = (ast.Assign, ast.AnnAssign)  # a string below an attribute is its documentation
             loose = [one for before, one in after if isinstance(one, ast.Expr) and not isinstance(before, documented)]
-            assert sum(isinstance(one.value, ast.Constant) for one in loose) <= 1
+            assert sum(isinstance(statement.value, ast.Constant) for statement in loose) <= 1
     return ast.dump(WithoutTexts().visit(tree))
 
 

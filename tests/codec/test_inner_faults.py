@@ -61,6 +61,9 @@ def test_bytes_of_known_size_that_are_no_frame_are_kept_and_explained() -> None:
 def test_c_finds_the_same_fault(tmp_path: Path) -> None:
     c, random_ = CProtocol(load_protocol_text(PDU, "inside"), tmp_path), Random(11)
     frames = [
-        (frame, bad) for frame in ("open", "known") for one in c.samples(frame, 8) for bad in mutated(random_, one, 40)
+        (frame, bad)
+        for frame in ("open", "known")
+        for sample in c.samples(frame, 8)
+        for bad in mutated(random_, sample, 40)
     ]
     assert differences(c, frames) == []

@@ -65,7 +65,9 @@ class Both:
         """Return the function that decodes both frames."""
         tables = self.tables(self.together).values()
         doc = f"Read `{frame}` with `{inside}` inside."
-        return next(one for table in tables for one in table if one is not None and one.__doc__ == doc)
+        return next(
+            function for table in tables for function in table if function is not None and function.__doc__ == doc
+        )
 
     def around(self, frame: str, inside: str, fields: Any) -> bytes | None:
         """Return the bytes of the frame around the inner frame."""

@@ -254,7 +254,7 @@ def test_no_more_codecs_are_kept_than_definitions(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(keeping, "_compiled", {})
     protocols = [small_protocol("[{field: a, type: u8}]") for _ in range(5)]
     first, second, *others = protocols
-    codecs = [compile_protocol(one) for one in (first, second, *others[:-1])]
+    codecs = [compile_protocol(text) for text in (first, second, *others[:-1])]
     assert compile_protocol(first) is codecs[0]
     compile_protocol(others[-1])
     assert compile_protocol(first) is codecs[0]

@@ -147,12 +147,12 @@ def test_a_list_of_texts_each_at_a_multiple_of_4() -> None:
         "      - {check: sum8}\n"
     )
     protocol = load_protocol_text(text, "texts")
-    values = {"names": [{"text": one} for one in ("pump", "", "valve 7", "x")]}
+    values = {"names": [{"text": text} for text in ("pump", "", "valve 7", "x")]}
     wire = bytes.fromhex("54 16 04 04 70756D70 000000 00 000000 07 76616C76652037 01 78")
     wire += bytes([sum(wire) & 0xFF])
     for codec in (compile_protocol(protocol), compile_construct(protocol)):
         assert codec.encode("texts", values) == wire
-        assert [one["text"] for one in codec.decode("texts", wire)["names"]] == ["pump", "", "valve 7", "x"]
+        assert [name["text"] for name in codec.decode("texts", wire)["names"]] == ["pump", "", "valve 7", "x"]
     stream = wire + b"\x00\x01" + wire + wire
     whole = feed(receiver_of(text), [stream], ("texts",))
     assert [event[2] for event in whole if event[0] == "frame"] == [wire] * 3

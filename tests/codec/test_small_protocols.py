@@ -175,7 +175,7 @@ def test_dnp3_in_streams() -> None:
         stream += frame
     whole = feed(receiver_of(DNP3), [stream], ("link",))
     assert [event[2] for event in whole if event[0] == "frame"] == sent
-    assert {one[2] for one in whole if one[0] == "bad"} <= {"check", "range"}
+    assert {event[2] for event in whole if event[0] == "bad"} <= {"check", "range"}
     assert feed(receiver_of(DNP3), [stream[at : at + 1] for at in range(len(stream))], ("link",)) == whole
     for _ in range(4):
         parts = cut_at(stream, sorted(choose.choices(range(len(stream)), k=60)))

@@ -52,10 +52,10 @@ def values(name: str) -> list[dict[str, Any]]:
         ]
     if name == "behind":
         return [{"l": [{"a": "x"}, {"a": a}], "b": b} for a, b in product(TEXTS, TEXTS)]
-    names = [one for one in "nabc" if f"field: {one}," in BODIES[name]]
+    names = [letter for letter in "nabc" if f"field: {letter}," in BODIES[name]]
     return [
         {one: value for one, value in zip(names, found, strict=True) if value is not None}
-        for found in product(*((0, 1) if one == "n" else (*TEXTS, None) for one in names))
+        for found in product(*((0, 1) if name == "n" else (*TEXTS, None) for name in names))
     ]
 
 
@@ -81,7 +81,7 @@ def test_what_is_built_reads_the_same(name: str) -> None:
         built += 1
         assert oracle.encode("f", given) == data == build(**given)
         read = generated.decode("f", data)
-        assert {one: read[one] for one in given} == given, data
+        assert {name: read[name] for name in given} == given, data
     assert built > 5 and refused > 5
 
 

@@ -49,7 +49,7 @@ def test_a_sum_over_digits() -> None:
         "read_continuous_reply",
         {"station": 1, "command": "r", "type": "SB", "values": [{"data": data}]},
     )
-    theory = cancelling([one - other for one in DIGITS for other in DIGITS if one != other], 256)
+    theory = cancelling([digit - other for digit in DIGITS for other in DIGITS if digit != other], 256)
     first = frame.index(data.hex().upper().encode())
     found = measured(frame, first, 240, lambda wrong: codec.decode("read_continuous_reply", wrong))
     assert_as_foreseen(found, theory)
@@ -60,8 +60,8 @@ def test_a_sum_over_bytes_in_digits() -> None:
     codec = compile_protocol(load_protocol("modbus-ascii"))
     values = Random(5).randbytes(200)
     frame = codec.encode("reply_adu", {"station": 1, "pdu": {"read_holding_reply": {"values": values}}})
-    low = [one - other for one in range(16) for other in range(16) if one != other]
-    theory = (cancelling(low, 256) + cancelling([16 * one for one in low], 256)) / 4
+    low = [number - other for number in range(16) for other in range(16) if number != other]
+    theory = (cancelling(low, 256) + cancelling([16 * difference for difference in low], 256)) / 4
     first = frame.index(values.hex().upper().encode())
     found = measured(frame, first, 400, lambda wrong: codec.decode("reply_adu", wrong))
     assert_as_foreseen(found, theory)

@@ -49,7 +49,7 @@ COUNTED = {
 
 def text_of(counted: str) -> str:
     behind = "{field: z, type: u8, when: len(d) > 2}"  # the end of the frame depends on the counted data
-    if any(one in counted for one in ("inner", "wrap", "field: d")):
+    if any(kind in counted for kind in ("inner", "wrap", "field: d")):
         behind = "{const: 7E}"
     body = f"[{{const: 05}}, {{field: n, type: u32}}, {counted}, {behind}]"
     return f"protocol: counts\nframes: {{f: {{body: {body}}}, g: {{body: [{{data: rest, size: rest}}]}}}}"

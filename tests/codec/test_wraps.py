@@ -136,7 +136,7 @@ def test_the_table_of_the_manual() -> None:
         assert isinstance(segment, Wrap)
         made = compile_protocol(protocol).encode("f", {"d": bytes.fromhex("7E 7D 01")})
         assert made == bytes.fromhex(wire), wrap
-        absent_bytes = {int(one, 16) for one in re.findall("`(..)`", never)}
+        absent_bytes = {int(digits, 16) for digits in re.findall("`(..)`", never)}
         assert absent_bytes == segment.coding.never or wrap == "hex"
 
 
@@ -202,7 +202,7 @@ def test_frames_are_found_however_a_stream_is_cut(name: str) -> None:
     stream = b"".join(codec.encode("f", {"d": data}) for data in sent)
     whole = feed(receiver_of(text), [stream], ("f",))
     assert [event[0] for event in whole] == ["frame"] * 30
-    assert [codec.decode("f", one[2] if isinstance(one[2], bytes) else one[3])["d"] for one in whole] == sent
+    assert [codec.decode("f", event[2] if isinstance(event[2], bytes) else event[3])["d"] for event in whole] == sent
     assert feed(receiver_of(text), [stream[at : at + 1] for at in range(len(stream))], ("f",)) == whole
     for _ in range(5):
         places = sorted(choose.randrange(len(stream)) for _ in range(40))
@@ -224,8 +224,8 @@ def test_a_damaged_frame_is_bad_and_the_next_one_is_found(name: str) -> None:
         except FrameError:
             pass
         found = feed(receiver_of(text), [bytes(damaged) + good * 2], ("f",))
-        assert ("frame", "f") in [one[:2] for one in found]
-        assert not any(one[0] == "frame" and bytes(damaged) in one for one in found)
+        assert ("frame", "f") in [event[:2] for event in found]
+        assert not any(event[0] == "frame" and bytes(damaged) in event for event in found)
 
 
 @pytest.mark.parametrize("coding", ["cobs", "hex"])
@@ -242,6 +242,6 @@ def test_content_that_tells_a_size_behind_it_is_read_a_few_times_while_the_rest_
         found = feed(
             Receiver(codec, protocol, Scope(protocol, line=LineFormat(9600))), cut_at(data, range(len(data))), ("f",)
         )
-    assert [one[2] for one in found] == [data]
+    assert [event[2] for event in found] == [data]
     calls = {name: called[1] for (_, _, name), called in pstats.Stats(profile).stats.items()}
     assert calls["content_of"] > 500 and calls["diagnose_f"] < 5

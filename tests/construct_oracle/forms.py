@@ -262,7 +262,7 @@ class Scaled(Adapter):
 
     def __init__(self, inside: Construct, scale: Scale, bounds: tuple[int, int] | None) -> None:
         super().__init__(inside)
-        self.factor, self.offset = (Fraction(one, 10**scale.places) for one in (scale.factor, scale.offset))
+        self.factor, self.offset = (Fraction(number, 10**scale.places) for number in (scale.factor, scale.offset))
         self.places = scale.places
         self.bounds = bounds
 

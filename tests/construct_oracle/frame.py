@@ -205,9 +205,13 @@ class FrameConstruct(Construct):
     @property
     def open_texts(self) -> list[Segment]:
         """Return texts with stop bytes that are followed by other segments or contained in others."""
-        behind = [one for one in in_place_of_records(self.frame.segments) if one.takes_bytes]
+        behind = [segment for segment in in_place_of_records(self.frame.segments) if segment.takes_bytes]
         inside = [segment for segment in everything(self.frame.segments) if segment not in behind]
-        return [one for one in (*behind[:-1], *inside) if one.number_type is not None and one.number_type.stops]
+        return [
+            reading
+            for reading in (*behind[:-1], *inside)
+            if reading.number_type is not None and reading.number_type.stops
+        ]
 
     def _write_sections(self, filling: Filling, stream: BytesIO, context: Container, path: str) -> None:
         self.head._build(filling, stream, context, path)

@@ -124,7 +124,7 @@ class InnerConstruct(ValueSegment):
             if room.end < start:
                 raise reading.no_room(place, start, room)
             behind = in_place_of_records(tuple(construct.segment for construct in reading.following))
-            known = (reading.sizes.of(replace(one, when=None), nothing_known) for one in behind)
+            known = (reading.sizes.of(replace(segment, when=None), nothing_known) for segment in behind)
             data, exact = stream.read(room.end - start), room.exact and None not in known
         stream.seek(start)
         return data, exact

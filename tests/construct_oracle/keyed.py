@@ -35,7 +35,7 @@ def blocks(data: bytes) -> list[bytes]:
 
 def chained(key: object, data: object, iv: object = bytes(16)) -> bytes:
     """Compute the function `aes`: encrypt whole blocks, each XORed with the previous result. Raises ValueError."""
-    if not all(isinstance(one, bytes) for one in (key, data, iv)):
+    if not all(isinstance(argument, bytes) for argument in (key, data, iv)):
         raise ValueError("no bytes")
     assert isinstance(key, bytes) and isinstance(data, bytes) and isinstance(iv, bytes)
     if len(key) not in (16, 24, 32) or len(iv) != 16 or len(data) % 16:

@@ -21,7 +21,7 @@ def rest_size(construct: SegmentConstruct, stream: BytesIO, context: Container, 
     """
     reading: Reading = context._state
     room, start = reading.room(context), stream.tell()
-    first = next(in_place_of_records(tuple(one.segment for one in reading.following)), None)
+    first = next(in_place_of_records(tuple(reading_after.segment for reading_after in reading.following)), None)
     if not room.exact and isinstance(first, Const):
         found = _first_fit(construct, first.data, stream, context)
         if found is not None:

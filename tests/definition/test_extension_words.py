@@ -240,7 +240,7 @@ def test_a_module_that_is_loaded_again_replaces_what_it_brought(bring: Bring) ->
     assert KINDS["made_up_kind"] is module.MadeUp
     assert writing.ADDED_FUNCTIONS["count_made_up"] is module.count_made_up
     found = schema._schemas()["protocol.schema.json"]["$defs"]["segment"]
-    assert sum(one == {"required": ["made_up_kind"]} for one in found["oneOf"]) == 1
+    assert sum(form == {"required": ["made_up_kind"]} for form in found["oneOf"]) == 1
 
 
 @pytest.mark.parametrize("call", ["add_type", "add_check", "add_step_key", "add_trigger", "register"])

@@ -33,7 +33,7 @@ def test_every_row_names_where_it_is_tested(page: Path) -> None:
     unknown = []
     for row in found.rows:
         without_remarks = re.sub(r"\([^)]*\)", "", row.tested)
-        for part in filter(None, (one.strip(" *") for one in re.split(r"[,;]", without_remarks))):
+        for part in filter(None, (word.strip(" *") for word in re.split(r"[,;]", without_remarks))):
             file = part.strip("`")
             exists = (ROOT / file).exists() or any((ROOT / "tests").rglob(file.split("/")[-1]))
             if part != "–" and part not in found.sources and not (part.startswith("`") and exists):

@@ -42,7 +42,7 @@ def test_every_example_is_a_file_that_a_command_reads(page: Path) -> None:
             assert snippet.file is not None, f"line {snippet.line}: begin the block with '# file: NAME'"
             if EXAMPLES / read_by(snippet.file) in STORED:
                 continue  # executed by test_the_vectors_of_the_stored_examples_pass
-            others = (one.text for one in snippets(page) if one.kind == "yaml" and one.file != snippet.file)
+            others = (other.text for other in snippets(page) if other.kind == "yaml" and other.file != snippet.file)
             if any(f": {Path(snippet.file).name}\n" in text for text in others):
                 continue
             assert read_by(snippet.file) in read, f"line {snippet.line}: no command reads {snippet.file}"
@@ -89,7 +89,7 @@ def test_every_key_of_a_behaviour_stands_in_an_example_of_its_page() -> None:
             shown |= {(kind, key) for key in keys} | {("", key) for key in keys if key in properties_of(Behaviour)}
     wanted = {(word, key) for word, kind in BEHAVIOURS.items() for key in properties_of(kind)}
     of_all = {("", key) for key in properties_of(Behaviour)}
-    assert {one for one in wanted if ("", one[1]) not in of_all} - shown == set()
+    assert {pair for pair in wanted if ("", pair[1]) not in of_all} - shown == set()
     assert of_all - shown == set()
 
 

@@ -23,7 +23,7 @@ INSTALLED = "/opt/framekit/bin/framekit"
 
 def command_of(key: str) -> list[str]:
     """Return the words of a command of the unit, for the run `plant`, with the tested framekit as its program."""
-    (line,) = [one.partition("=")[2] for one in UNIT.read_text("utf-8").splitlines() if one.startswith(f"{key}=")]
+    (line,) = [line.partition("=")[2] for line in UNIT.read_text("utf-8").splitlines() if line.startswith(f"{key}=")]
     words = shlex.split(line.replace("%i", "plant"))
     assert words[0] == INSTALLED
     return [sys.executable, "-m", "framekit", *words[1:]]

@@ -50,7 +50,7 @@ def test_each_folder_of_extras_has_a_row() -> None:
 
 BROUGHT = [
     *(target for table in (OPTIONS, SECTIONS, SCHEMAS) for target in table.values()),
-    *(one.target for table in (GENERATORS, IMPORTERS) for one in table.values()),
+    *(row.target for table in (GENERATORS, IMPORTERS) for row in table.values()),
 ]
 
 

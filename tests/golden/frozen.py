@@ -79,7 +79,11 @@ class Shipped:
         role = next(iter(self.protocol.roles), None)
         scope = Scope(self.protocol, role=role, line=default_line(self.protocol))
         read = names_read_in(self.protocol.frames[frame].segments) if frame else set()
-        announced = {one.name: ANNOUNCED for one in self.protocol.state.values() if one.announced and one.name in read}
+        announced = {
+            variable.name: ANNOUNCED
+            for variable in self.protocol.state.values()
+            if variable.announced and variable.name in read
+        }
         return Names({"request": None, "buffer": b"", **announced}, scope)
 
     # ---- frames -------------------------------------------------------------------------------------------

@@ -83,8 +83,8 @@ def test_every_command_has_a_vector_of_its_reply() -> None:
         cmd, fnc = code >> 8, code & 0xFF
         name = f"{cmd:02X}/{fnc:02X}" if cmd in (6, 7, 0xF) else f"{cmd:02X}"
         assert name in replied, name
-        assert any(one["tns"] in numbers and int(one["cmd"], 0) == cmd for one in replied[name]), name
-        assert any(one["data"] and one["sts"] == "0" for one in replied[name]) == (code in WITH_DATA), name
+        assert any(reply["tns"] in numbers and int(reply["cmd"], 0) == cmd for reply in replied[name]), name
+        assert any(reply["data"] and reply["sts"] == "0" for reply in replied[name]) == (code in WITH_DATA), name
 
 
 def test_every_vector_has_a_source() -> None:

@@ -81,7 +81,10 @@ def test_what_it_sends_is_read_here() -> None:
                 dst=dst, src=src, tns=tns,
             )  # fmt: skip
         elif kind == 1:
-            frame, expected = Command0FAA(), {**place, "data": b"".join(one.to_bytes(2, "little") for one in values)}
+            frame, expected = (
+                Command0FAA(),
+                {**place, "data": b"".join(value.to_bytes(2, "little") for value in values)},
+            )
             frame.init_with_params(
                 table=7, file_type=FileType.INTEGER, start=element, start_sub=sub, data_to_write=values,
                 dst=dst, src=src, tns=tns,
@@ -204,7 +207,7 @@ def test_its_client_and_a_simulated_processor(peer: tuple[Df1BaseClient, DeviceS
     assert write(client, values)
     assert device.memory.read("file10", "word", 16, 5) == values
     assert client.read_integer(file_table=10, start=16, total_int=5) == values
-    assert not any(isinstance(one["command"], ReplyNak) for one in client.comm_history)
+    assert not any(isinstance(exchange["command"], ReplyNak) for exchange in client.comm_history)
 
 
 def test_random_words_through_both(peer: tuple[Df1BaseClient, DeviceService]) -> None:

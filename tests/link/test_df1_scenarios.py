@@ -25,7 +25,7 @@ FULL = {
         "a message that is too short", "a message that is too long", "packets for others are left", "duplicates are",
         "without room the acknowledge", "noise turns an acknowledge", "an acknowledge inside a reply",
     ),
-    "1.12": tuple(f"1.12 {one}:" for one in ("common", "kf2", "ke", "kg", "kgm", "ka_1775", "ke_1785")),
+    "1.12": tuple(f"1.12 {module}:" for module in ("common", "kf2", "ke", "kg", "kgm", "ka_1775", "ke_1785")),
 }  # fmt: skip
 HALF = {
     "HD-1": ("HD-1: message", "HD-1 at the slave"),
@@ -63,16 +63,16 @@ def names_of(role: str) -> Iterator[str]:
 @pytest.mark.parametrize("row", FULL)
 def test_full_duplex(row: str) -> None:
     for name in FULL[row]:
-        assert any(one.startswith(name) for one in names_of("full")), name
+        assert any(conversation.startswith(name) for conversation in names_of("full")), name
 
 
 @pytest.mark.parametrize("row", HALF)
 def test_half_duplex_at_master_and_slave(row: str) -> None:
     for role, name in zip(("master", "slave"), HALF[row], strict=True):
-        assert any(one.startswith(name) for one in names_of(role)), (role, name)
+        assert any(conversation.startswith(name) for conversation in names_of(role)), (role, name)
 
 
 @pytest.mark.parametrize("role", TABLES)
 def test_tables_of_half_duplex(role: str) -> None:
     for name in TABLES[role]:
-        assert any(one.startswith(name) for one in names_of(role)), (role, name)
+        assert any(conversation.startswith(name) for conversation in names_of(role)), (role, name)

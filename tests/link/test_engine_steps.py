@@ -402,7 +402,7 @@ def test_a_reply_that_a_break_cuts_off_is_no_good_reply(body: str, data: bytes, 
     side.run(10 * MS)
     side.gets(data, whole=True)
     side.line_break()
-    assert [one.outcome or "ok" for one in side.outcomes] == [outcome]
+    assert [outcome.outcome or "ok" for outcome in side.outcomes] == [outcome]
     assert side.engine.counters.bad == (outcome != "ok")
     if outcome != "ok" and data[-1] != 0xA1:
         assert (side.reasons("bad"), side.engine.counters.noise_bytes) == (["cut"], 0)
@@ -429,7 +429,7 @@ def test_a_break_fails_no_exchange_that_begins_after_it(repeats: int) -> None:
     assert [outcome.ok for outcome in side.outcomes] == [True]
     side.run(10 * MS)
     side.line_break()
-    assert [one.outcome for one in side.outcomes] == ["", "interrupted"]
+    assert [outcome.outcome for outcome in side.outcomes] == ["", "interrupted"]
 
 
 # ---- handlers ----------------------------------------------------------------------------------------------
@@ -865,4 +865,4 @@ def test_what_came_before_is_forgotten() -> None:
         side.run(20 * MS)
         side.gets(block(b"abc"))
         side.run(SECOND)
-        assert [one.outcome for one in side.outcomes] == [outcome]
+        assert [outcome.outcome for outcome in side.outcomes] == [outcome]

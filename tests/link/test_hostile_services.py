@@ -74,7 +74,7 @@ def places() -> list[tuple[int, tuple[Any, ...], str]]:
         for path, place in {path: place for _, _, path, place in spots(document, "protocol.schema.json")}.items():
             if path[0] in SECTIONS:
                 found.setdefault(place, []).append((number, path, place))
-    return [one for same in found.values() for one in same[:: max(-(-len(same) // EACH), 1)]]
+    return [place for same in found.values() for place in same[:: max(-(-len(same) // EACH), 1)]]
 
 
 PLACES = places()
@@ -107,7 +107,7 @@ def sources(number: int, document: Any, monkeypatch: pytest.MonkeyPatch) -> list
             assert row._make and row.give
             for name in {None, *row.reply.expected}:
                 row.reply._fitting(None if name is None else FrameValue(name, {}))
-    for row in (one for rows in server._rows.values() for one in rows):
+    for row in (row for rows in server._rows.values() for row in rows):
         row.matching.serving()
         for with_buffer in (False, True):
             matching.RowWriter(row.matching, with_buffer, False).function()

@@ -53,7 +53,7 @@ class Side:
                 if isinstance(command, Send):
                     self.sent.append(command.data)
                     self.replies.append(b"".join(
-                        one.data for one in self.device.receive(command.data, self.now) if isinstance(one, Send)
+                        sent.data for sent in self.device.receive(command.data, self.now) if isinstance(sent, Send)
                     ))  # fmt: skip
                     self.device.sent(self.now)
                 self.do(self.engine.sent(self.now))
@@ -401,7 +401,7 @@ def test_frames_by_themselves_wait_too() -> None:
     side.until(1500 * MS)
     side.reply(0)
     assert len(side.sent) == 2
-    assert [one.at for one in side.seen if one.kind == "frame" and one.direction == "out"] == [0, 1500 * MS]
+    assert [event.at for event in side.seen if event.kind == "frame" and event.direction == "out"] == [0, 1500 * MS]
 
 
 ASKED = {"station": 3, "address": 5, "count": 1}
@@ -415,7 +415,7 @@ def test_the_reply_to_a_frame_by_itself_is_no_reply_to_the_next_request() -> Non
     assert len(side.sent) == 1, "the reply to what was sent is due"
     side.until(500 * MS)
     side.reply(0)
-    assert [one.frame for one in side.unasked] == ["values"] and side.late == 0, "it came, and for who wants it"
+    assert [event.frame for event in side.unasked] == ["values"] and side.late == 0, "it came, and for who wants it"
     assert len(side.sent) == 2
     side.reply(1)
     assert side.values == [[11]]
@@ -432,7 +432,7 @@ def test_the_reply_to_a_frame_by_itself_that_carries_a_request_is_none_to_the_ne
     assert len(side.sent) == 1, "the reply to what was sent is due"
     side.until(500 * MS)
     side.reply(0)
-    assert [one.frame for one in side.unasked] == ["reply_adu"] and side.values == []
+    assert [event.frame for event in side.unasked] == ["reply_adu"] and side.values == []
     side.until(501 * MS)
     side.reply(1)
     assert side.values == [[11]]
@@ -531,7 +531,7 @@ def test_a_server_answers_whatever_is_due() -> None:
         now += SECOND
         device.receive(client.replies[0], now)
         now += SECOND
-        assert any(isinstance(one, Send) for one in device.receive(client.sent[0], now))
+        assert any(isinstance(command, Send) for command in device.receive(client.sent[0], now))
         device.sent(now)
     assert device.late.until == 0 and device.late.expected.frames == frozenset()
 

@@ -179,12 +179,12 @@ def test_of_a_crowd_of_bad_frames_the_first_are_told_and_then_one_for_many_bytes
     _, hearing = calls("modbus-rtu", "server", cut(b"\xff" * 4000, size), seen.append)
     hearing.tick(3_600_000_000_000)
     bad = [event for event in seen if event.kind == "bad"]
-    assert all(one.reason and one.frame for one in bad)
-    reported = sum(len(one.raw) for one in seen if one.kind in ("bad", "noise"))
+    assert all(event.reason and event.frame for event in bad)
+    reported = sum(len(event.raw) for event in seen if event.kind in ("bad", "noise"))
     assert MOST_BAD <= len(bad) == hearing.counters.bad <= MOST_BAD + 4000 // BAD_APART + 1
-    assert hearing.counters.noise_bytes == sum(len(one.raw) for one in seen if one.kind == "noise")
+    assert hearing.counters.noise_bytes == sum(len(event.raw) for event in seen if event.kind == "noise")
     assert 4000 - 2 * BAD_APART < reported <= 4000
-    assert "what a bad frame left" in {one.reason for one in seen if one.kind == "noise"}
+    assert "what a bad frame left" in {event.reason for event in seen if event.kind == "noise"}
 
 
 BAD_TEXT = bytes.fromhex("10 02 01 02 06 00 01 00 10 03 ff ff")
@@ -203,9 +203,9 @@ def test_of_a_crowd_of_frames_broken_off_or_damaged_only_some_are_told(unit: byt
     count, hearing = calls("df1", "full", cut(data + b"\x10\x06", size), seen.append)
     bad = [event for event in seen if event.kind == "bad"]
     assert MOST_BAD <= len(bad) == hearing.counters.bad <= MOST_BAD + len(data) // BAD_APART + 1
-    reported = [one.raw for one in seen if one.kind in ("bad", "noise")]
+    reported = [event.raw for event in seen if event.kind in ("bad", "noise")]
     assert sum(map(len, reported)) == len(data)
-    assert [one.frame for one in seen if one.kind == "frame" and one.direction == "in"] == ["ack"]
+    assert [event.frame for event in seen if event.kind == "frame" and event.direction == "in"] == ["ack"]
     assert count / len(data) < most
 
 
@@ -369,7 +369,7 @@ def test_the_benchmark_of_noise_has_a_line_for_every_role(name: str, monkeypatch
     monkeypatch.setattr(bench, "BLOCK", 100)
     data = Random(3).randbytes(400)
     found = bench.links([name])
-    assert [one.role for one in found] == roles_of(name)
+    assert [search.role for search in found] == roles_of(name)
     for one in found:
         line = bench.Line(one)
         line.hear(data, 64)

@@ -146,9 +146,9 @@ sequences:
       - {step: reply, serve: {request: request}, send: reply, then: end}
 """
     )
-    [warning] = [str(one) for one in load_protocol_text(text).warnings if "parameter" in one.what]
+    [warning] = [str(warning) for warning in load_protocol_text(text).warnings if "parameter" in warning.what]
     assert "'device' of a request is not compared with the device's parameter 'device_id'" in warning
     assert "add station: own (or when: it.device == device_id)" in warning
     assert "add from: client" in warning
     compared = text.replace("frame: request, set", "frame: request, when: it.device == device_id, set")
-    assert not [one for one in load_protocol_text(compared).warnings if "parameter" in one.what]
+    assert not [warning for warning in load_protocol_text(compared).warnings if "parameter" in warning.what]

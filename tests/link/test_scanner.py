@@ -233,5 +233,5 @@ def test_two_frames_inside_of_fixed_sizes_are_looked_at() -> None:
     for pieces in ([good + wrong + good], [bytes([byte]) for byte in good + wrong + good]):
         names = Scope(protocol, params={}, line=LineFormat(9600))
         found = feed(Receiver(codec, protocol, names), pieces, ("f",))
-        assert [(one[0], one[2]) for one in found if one[0] == "frame"] == [("frame", good), ("frame", good)]
-        assert wrong not in [one[2] for one in found if one[0] == "frame"]
+        assert [(event[0], event[2]) for event in found if event[0] == "frame"] == [("frame", good), ("frame", good)]
+        assert wrong not in [event[2] for event in found if event[0] == "frame"]

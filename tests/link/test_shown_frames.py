@@ -58,9 +58,9 @@ def test_fields_of_a_sent_frame_are_those_of_the_moment_it_was_sent(as_records: 
     engine.scope.set("wide", 0)
     engine.scope.set("count", 0)
     sent = shown.frames
-    assert [one.raw for one in sent] == [bytes([2, 5, 6]), bytes([3, 5, 6])]
-    assert [one.fields for one in sent] == [{"what": 5, "more": 6}] * 2
-    assert [one.fields for one in sent] == [{"what": 5, "more": 6}] * 2, "asked again"
+    assert [event.raw for event in sent] == [bytes([2, 5, 6]), bytes([3, 5, 6])]
+    assert [event.fields for event in sent] == [{"what": 5, "more": 6}] * 2
+    assert [event.fields for event in sent] == [{"what": 5, "more": 6}] * 2, "asked again"
 
 
 @WAYS

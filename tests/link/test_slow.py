@@ -33,7 +33,7 @@ def test_a_slow_station_is_reported_once_and_again_when_its_time_changes_and_whe
     for _ in range(WELL + 5):
         slow.answered_in_time(7, 30 * SECOND)
         slow.answered_in_time(8, 30 * SECOND)
-    assert [one.time for one in slow.present] == [8 * SECOND] and slow.number == 1
+    assert [station.time for station in slow.present] == [8 * SECOND] and slow.number == 1
     slow.answered_in_time(7, 8 * SECOND + WELL_TIME)
     assert reports == [(4, True), (8, True), (8, False)] and slow.number == 0
 

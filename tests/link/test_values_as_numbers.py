@@ -183,8 +183,8 @@ def test_values_with_bytes_between_them() -> None:
     loop, random = Loop(SEPARATED), Random(4)
     values = [random.randrange(65536) for _ in range(12)]
     assert loop.do("write", "D5", values).ok and loop.do("read", "D5", count=12).values == values
-    assert loop.requests[0] == b"W5 " + b" ".join(b"%d" % one for one in values[:9]) + b"\r"
-    assert loop.log[2][1] == b" ".join(b"%05d" % one for one in values[:9]) + b"\r\n"
+    assert loop.requests[0] == b"W5 " + b" ".join(b"%d" % value for value in values[:9]) + b"\r"
+    assert loop.log[2][1] == b" ".join(b"%05d" % value for value in values[:9]) + b"\r\n"
     assert loop.do("write", "S5", [1, 200, 30]).ok and loop.do("read", "S5", count=3).values == [1, 200, 30]
     assert loop.log[-2][0] == b"P5 001 200 030\r" and loop.log[-1][1] == b"L001 200 030\r\n"
     assert loop.answer(b"W5 70000\r") == b"\x15\4" and loop.memory.read("D", "word", 5, 1) == values[:1]

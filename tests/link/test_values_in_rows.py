@@ -142,7 +142,9 @@ def problems_of(text: str) -> list[str]:
 def test_a_word_that_means_two_things_is_a_problem(tmp_path: Path) -> None:
     text = FRACTION.replace("{field: level, type: i16, scale: 0.1}", "{field: level, type: u8, values: {1: text}}")
     found = problems_of(text.replace("{SET: {level: level}}", "{SET: {level: text}}"))
-    assert any("'text' is a name of the address here, and 'level' has a value 'text'" in one for one in found), found
+    assert any(
+        "'text' is a name of the address here, and 'level' has a value 'text'" in message for message in found
+    ), found
     assert not any("name of the address" in problem for problem in problems_of(text))
 
 

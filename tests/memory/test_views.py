@@ -49,7 +49,7 @@ def test_numbers_against_struct(name: str, order: str, data: st.DataObject) -> N
     memory = view.write(values)
     if bits > 8:
         words = b"".join(memory[at : at + 2][::-1] for at in range(0, len(memory), 2))
-        assert words == b"".join(in_order(one, order) for one in packed)
+        assert words == b"".join(in_order(number, order) for number in packed)
     assert all(a == b or (math.isnan(a) and math.isnan(b)) for a, b in zip(view.read(memory), values, strict=True))
 
 

@@ -207,7 +207,7 @@ class Sending(Sink):
     def write(self, samples: Sequence[Sampled]) -> int:
         if Sent.is_away:
             raise ConnectionError("the server is away")
-        Sent.taken.extend(value.value for one in samples for value in one.values)
+        Sent.taken.extend(value.value for sample in samples for value in sample.values)
         return len(samples)
 
     def close(self) -> None: ...
@@ -238,7 +238,7 @@ def store(folder: Path, faults: Faults) -> None:
     taken = list(Sent.taken)
     again = Store(folder / "values.mqtt.db", 100)
     again.open()
-    left = [one.values[0].value for one in again.first(100)[1]]
+    left = [sample.values[0].value for sample in again.first(100)[1]]
     again.close()
     end = 12 if feeder._has_started else 3
     missing = set(range(end)) - set(taken) - set(left)
@@ -287,7 +287,7 @@ def state_scenario(is_new: bool) -> Scenario:
                 file.close()
         word = word_of(path)
         rule(word in allowed, f"the state is {word}, expected one of {allowed}")
-        beside = [one.name for one in folder.iterdir() if one.name.startswith(".")]
+        beside = [path.name for path in folder.iterdir() if path.name.startswith(".")]
         rule(len(beside) <= (4 if faults.lasts else 1), f"files are left: {beside}")
 
     return scenario
@@ -310,7 +310,7 @@ def capture_scenario(suffix: str) -> Scenario:
         count = len(found)
         rule(found == events[:count], f"{count} events were read, and they are not the first ones")
         rule(count == len(events) or bool(capture.problems), "events are missing, and it was not reported")
-        lost = sum(one.lost for one in capture.troubles.present())
+        lost = sum(trouble.lost for trouble in capture.troubles.present())
         rule(
             len(events) - count <= lost <= len(events) - count + 1, f"{count} events are there, {lost} reported as lost"
         )
@@ -401,4 +401,4 @@ def trials(scenario: Scenario, folder: Path) -> Iterator[dict[str, Any]]:
 if __name__ == "__main__":
     logging.disable()
     found = list(trials(SCENARIOS[sys.argv[1]], Path(sys.argv[2]) / "files"))
-    print(json.dumps({"trials": len(found), "problems": [one for one in found if one["problem"]]}))
+    print(json.dumps({"trials": len(found), "problems": [trial for trial in found if trial["problem"]]}))

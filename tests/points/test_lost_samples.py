@@ -265,7 +265,7 @@ def test_rows_of_an_interrupted_conversion_come_once(tmp_path: Path) -> None:
     write_parquet(part, part.with_suffix(""))
     (tmp_path / "values.20260301T120000.parquet.rows").write_text("no rows\n")
     rows = Rows(path)
-    assert sorted(one.name for one in tmp_path.iterdir()) == [
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
         "values.20260301T100000.parquet", "values.20260301T110000.parquet", "values.20260301T120000.parquet.damaged",
         "values.parquet.part",
     ]  # fmt: skip

@@ -89,17 +89,17 @@ def test_values_are_written_back_and_others_refused(tmp_path: Path, caplog: pyte
             listener.wait(lambda: len(listener.of(answer)) == 5)
             listener.say("framekit/boiler/mode/set", "off")
             listener.say("framekit/boiler/temperature/set", "5")
-            listener.wait(lambda: any(b'"off"' in one for one in listener.of("framekit/boiler/mode")))
+            listener.wait(lambda: any(b'"off"' in message for message in listener.of("framekit/boiler/mode")))
             assert run.device("meter")["40005"] == 455
-        answers = [json.loads(one) for one in listener.of(answer)]
+        answers = [json.loads(message) for message in listener.of(answer)]
         assert answers[0] == {"point": "setpoint", "value": 45.5, "ok": True}
         assert answers[1] == {
             "point": "setpoint", "value": 99, "id": 7, "ok": False,
             "reason": "99 is not in 5..60, the range of setpoint",
         }  # fmt: skip
-        assert not any(one["ok"] for one in answers[2:])
+        assert not any(answer["ok"] for answer in answers[2:])
         assert answers.pop()["id"] == "\ud800"
-        assert {one["reason"] for one in answers[2:]} == {
+        assert {answer["reason"] for answer in answers[2:]} == {
             "'much' is no number", 'this is no value – send it by itself, or as {"value": 5}',
         }  # fmt: skip
         assert listener.of("framekit/boiler/temperature/set/answer") == []
@@ -108,7 +108,7 @@ def test_values_are_written_back_and_others_refused(tmp_path: Path, caplog: pyte
     assert f"point setpoint: 0.0 → 45.5, written by 'a client' by {set_} of {place}" in logged
     why = "99 is not in 5..60, the range of setpoint"
     assert f"point setpoint: 99 was refused to 'anna' by {set_} of {place}: {why}" in logged
-    assert not any(one.startswith(("point setpoint: 0.0 → 33", "point setpoint: 33")) for one in logged)
+    assert not any(line.startswith(("point setpoint: 0.0 → 33", "point setpoint: 33")) for line in logged)
 
 
 @needs_mosquitto
@@ -208,7 +208,7 @@ def test_tls_with_user_and_password(
 def test_what_is_wrong_with_it(tmp_path: Path, more: str, problem: str) -> None:
     with pytest.raises(DefinitionError) as error:
         loaded(boiler(tmp_path, 1883, more))
-    assert [str(one).partition(": ")[2] for one in error.value.problems] == [problem]
+    assert [str(problem).partition(": ")[2] for problem in error.value.problems] == [problem]
     assert "s3cret" not in str(error.value)
 
 
@@ -237,7 +237,7 @@ def test_each_point_of_each_run_has_a_name_of_its_own() -> None:
     runs, points = ("a", "a_b", "a.b", "a-b"), ("b", "c", "a.b", "a_b", "a._b", "a_.b", "a-b", "b_c", "ä", "a-2eb")
     ids = {f"{_as_id(run, '')}_{_as_id(point, '_')}" for run in runs for point in points}
     assert len(ids) == len(runs) * len(points)
-    assert all(set(one) <= set(_PLAIN + "_-") for one in ids)
+    assert all(set(identifier) <= set(_PLAIN + "_-") for identifier in ids)
     assert _as_id("set_point2", "_") == "set_point2"
 
 

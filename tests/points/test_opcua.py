@@ -102,7 +102,7 @@ def test_a_client_browses_reads_and_subscribes(tmp_path: Path, ports: queue.Queu
             from asyncua import ua
 
             folder = await client.nodes.objects.get_child("2:plant")
-            names = [(await one.read_browse_name()).Name for one in await folder.get_variables()]
+            names = [(await variable.read_browse_name()).Name for variable in await folder.get_variables()]
             assert names == ["boiler.temperature", "state", "setpoint", "flow"]
             found = await value_of(client, "boiler.temperature", lambda one: one.Value.Value == 21.7)
             assert found.Value.VariantType == ua.VariantType.Double and found.StatusCode.is_good()
@@ -160,7 +160,7 @@ def test_a_client_writes_what_may_be_written(
         assert run.device("meter").read("40005") == [33]
     messages = [record.getMessage() for record in caplog.records if "by OPC UA" in record.getMessage()]
     assert any("setpoint" in message and "33" in message and "127.0.0.1" in message for message in messages)
-    assert any("99 is not in 0..50" in one for one in messages)
+    assert any("99 is not in 0..50" in message for message in messages)
 
 
 def certificate(folder: Path, uri: str) -> tuple[Path, Path]:

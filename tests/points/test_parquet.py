@@ -56,7 +56,7 @@ def test_a_file_an_hour_with_a_typed_column_for_each_point(tmp_path: Path, monke
     assert names(tmp_path) == ["oven.20260301T120000.parquet", "oven.20260301T130000.parquet"]
     first, second = (tmp_path / name for name in names(tmp_path))
     schema = pq.read_schema(first)
-    assert [str(one.type) for one in schema] == ["timestamp[ms, tz=UTC]", "double", "string", "int64"]
+    assert [str(column.type) for column in schema] == ["timestamp[ms, tz=UTC]", "double", "string", "int64"]
     assert schema.field("level").metadata == {b"unit": b"m"}
     assert [row[1:] for row in rows_of(first)] == [[1.5, "off", 7], [1.5, "heating", 7], [None, "heating", 7]]
     assert [row[0].isoformat() for row in rows_of(second)] == ["2026-03-01T13:00:00+00:00"]

@@ -514,7 +514,7 @@ def test_a_change_beside_a_point_is_none_and_clock_bits_tick(tmp_path: Path) -> 
     run.memory["M02005"] = 1
     run.run_for("1 ms")
     assert [change for change in changes if change[0] == "bit"] == [("bit", None, "failed")]
-    assert len([one for one in changes if one[0] == "clock"]) >= 4
+    assert len([change for change in changes if change[0] == "clock"]) >= 4
     run.stop()
 
 
@@ -559,7 +559,7 @@ def test_what_is_wrong_with_a_table_is_told_by_row_and_column(tmp_path: Path, ta
     (tmp_path / "two.run.yaml").write_text(GROUPS.replace("  - {file: more, channel: 1, station: 1}\n", ""), "utf-8")
     with pytest.raises(DefinitionError) as error:
         loaded(tmp_path / "two.run.yaml")
-    assert any(f"meter.csv:{problem}" in str(one) for one in error.value.problems), error.value
+    assert any(f"meter.csv:{problem}" in str(reported) for reported in error.value.problems), error.value
 
 
 @pytest.mark.parametrize(
@@ -579,4 +579,4 @@ def test_points_without_effect(tmp_path: Path, points: str, problem: str) -> Non
     (tmp_path / "two.run.yaml").write_text(head + points, "utf-8")
     with pytest.raises(DefinitionError) as error:
         loaded(tmp_path / "two.run.yaml")
-    assert [str(one).partition(": ")[2] for one in error.value.problems] == [problem]
+    assert [str(reported).partition(": ")[2] for reported in error.value.problems] == [problem]

@@ -182,4 +182,4 @@ def test_what_is_wrong(tmp_path: Path, sink: str, problem: str) -> None:
     (tmp_path / "plant.run.yaml").write_text(f"{RUN.partition('sinks')[0]}sinks: [{sink}]\n")
     with pytest.raises(DefinitionError) as error:
         loaded(tmp_path / "plant.run.yaml")
-    assert [str(one).partition(": ")[2] for one in error.value.problems] == [problem]
+    assert [str(problem).partition(": ")[2] for problem in error.value.problems] == [problem]

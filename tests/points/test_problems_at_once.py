@@ -100,7 +100,7 @@ def test_points_of_a_channel_with_an_error_are_checked(tmp_path: Path, keys: str
     )
     found = problems(tmp_path, text)
     assert found[0] == f"3:{place}: {problem}"
-    assert [one.partition(" – ")[0].split(", in point")[0] for one in found[1:]] == [
+    assert [message.partition(" – ")[0].split(", in point")[0] for message in found[1:]] == [
         "5:28: '4000x' is not an address", "6:59: 'up' is not an order of bytes", "7:44: the range 5..1 is empty",
         "9:45: area 'input_register' can only be read", "10:46: station 256 is not in 0..255",
     ]  # fmt: skip
@@ -151,4 +151,4 @@ def test_a_channel_of_an_unknown_protocol_is_checked_otherwise(tmp_path: Path) -
 def test_every_key_of_a_sink_is_checked(tmp_path: Path, sink: str, found: list[str]) -> None:
     text = HEAD + channel(1, "port: /dev/ttyX, protocol: modbus-rtu, station: 1")
     text += f'points: {{a: {{channel: 1, address: "40001"}}}}\nsinks:\n  - {sink}\n'
-    assert [problem.split(":")[:2] for problem in problems(tmp_path, text)] == [["6", one] for one in found]
+    assert [problem.split(":")[:2] for problem in problems(tmp_path, text)] == [["6", column] for column in found]

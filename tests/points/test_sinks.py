@@ -121,14 +121,14 @@ def test_a_file_with_another_head_is_put_aside(tmp_path: Path) -> None:
     path = tmp_path / "columns.csv"
     taken(CsvFile(csv=str(path), at=NOWHERE).make(), [sample(0)])
     taken(CsvFile(csv=str(path), form="columns", at=NOWHERE).make(), [sample(1)])
-    assert sorted(one.name for one in tmp_path.iterdir()) == ["columns.20260301T120000.csv", "columns.csv"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["columns.20260301T120000.csv", "columns.csv"]
     assert len(lines_of(path)) == 2
 
 
 def test_full_files_get_a_name_of_their_own_and_few_are_kept(tmp_path: Path) -> None:
     path = tmp_path / "rows.csv"
     taken(CsvFile(csv=str(path), rotate=150, keep=3, at=NOWHERE).make(), [sample(60 * number) for number in range(21)])
-    names = sorted(one.name for one in tmp_path.iterdir())
+    names = sorted(path.name for path in tmp_path.iterdir())
     assert names == ["rows.20260301T121400.csv", "rows.20260301T121600.csv", "rows.20260301T121800.csv", "rows.csv"]
     times = [row["time"][14:16] for name in names for row in csv.DictReader(lines_of(tmp_path / name))]
     assert times == ["14", "15", "16", "17", "18", "19", "20"]
@@ -323,7 +323,7 @@ def test_a_file_that_cannot_be_written_later_is_told_at_once_and_when_it_is_well
         patch.setattr("framekit.sinks.files.os.write", full)
         run.run_for("3 s")
         name = f"sink csv {tmp_path}/every.csv"
-        assert [(one.event, one.text) for one in reports] == [
+        assert [(report.event, report.text) for report in reports] == [
             (
                 "begins",
                 f"{name}: No space left on device – make room there; 1 sample waits, "
@@ -383,7 +383,7 @@ def full(file: int, data: bytes) -> int:
 def test_what_is_wrong_with_a_sink(tmp_path: Path, sink: str, problem: str) -> None:
     with pytest.raises(DefinitionError) as error:
         loaded(run_file(tmp_path, sink))
-    assert [str(one).partition(": ")[2] for one in error.value.problems] == [problem]
+    assert [str(problem).partition(": ")[2] for problem in error.value.problems] == [problem]
 
 
 def test_two_sinks_have_two_files(tmp_path: Path) -> None:

@@ -115,7 +115,7 @@ def in_files(folder: Path) -> dict[str, Histories]:
         ).fetchall()
     return {
         "csv": kept((row["point"], row["value"]) for row in rows if row["quality"] == "good"),
-        "jsonl": kept((one["point"], one["value"]) for one in objects if one["quality"] == "good"),
+        "jsonl": kept((record["point"], record["value"]) for record in objects if record["quality"] == "good"),
         "sqlite": kept(stored),
         "parquet": once(kept(cells)),  # a row has the values of all points at that time
     }

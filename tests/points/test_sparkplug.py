@@ -115,7 +115,12 @@ def test_birth_data_by_alias_and_death(tmp_path: Path) -> None:
             {**old, "alias": 1, "double": 21.7}, {**old, "alias": 2, "string": "heating"},
             {**old, "alias": 3, "double": 0.0},
         ]  # fmt: skip
-        assert {one["alias"]: one for one in told}[1] == {**old, "alias": 1, "null": 1, "Quality": told[-1]["Quality"]}
+        assert {metric["alias"]: metric for metric in told}[1] == {
+            **old,
+            "alias": 1,
+            "null": 1,
+            "Quality": told[-1]["Quality"],
+        }
         assert told[-1]["Quality"] in (0, 500)
         assert read(listener.of(DEATH)[0]) == (None, [{"name": "bdSeq", "type": 4, "long": births}])
 
@@ -133,10 +138,10 @@ def test_rebirth_and_values_by_commands(tmp_path: Path) -> None:
                 listener.client.publish(COMMAND, encoded([Metric(value, 5, alias=3, type=10)], 5), 1)
             listener.client.publish(COMMAND, b"\xff\xff", 1)
             before = len(listener.of(DATA))
-            listener.wait(lambda: any(b"\x10\x03" in one for one in listener.of(DATA)[before:]))
+            listener.wait(lambda: any(b"\x10\x03" in message for message in listener.of(DATA)[before:]))
             assert run.device("meter")["40005"] == 455
         listener.wait(lambda: listener.of(DEATH))
-        last = read([one for one in listener.of(DATA) if b"\x10\x03" in one][-1])
+        last = read([message for message in listener.of(DATA) if b"\x10\x03" in message][-1])
         assert last[1][-1]["double"] == 45.5
 
 
@@ -151,18 +156,18 @@ def test_what_waited_is_history_and_a_cut_tells_the_death(tmp_path: Path) -> Non
     with Broker(tmp_path) as broker, Listener(broker.port, "spBv1.0/#") as listener:
         path.write_text(path.read_text("utf-8").replace('127.0.0.1:1"', f'127.0.0.1:{broker.port}"'), "utf-8")
         with Run(path) as run:
-            listener.wait(lambda: sum(len(read(one)[1]) for one in listener.of(DATA)) >= 7)
+            listener.wait(lambda: sum(len(read(message)[1]) for message in listener.of(DATA)) >= 7)
             run.device("meter").write("40001", 240)
-            listener.wait(lambda: sum(len(read(one)[1]) for one in listener.of(DATA)) >= 8)
+            listener.wait(lambda: sum(len(read(message)[1]) for message in listener.of(DATA)) >= 8)
             sink: Any = run._service.sinks.feeders[0]._sink
             sink._connection._client.socket().shutdown(2)  # as a cut line does
             listener.wait(lambda: len(listener.of(BIRTH)) == 2)
         listener.wait(lambda: len(listener.of(DEATH)) == 2)
-        births = [read(one)[1][0]["long"] for one in listener.of(BIRTH)]
-        assert [read(one)[1][0]["long"] for one in listener.of(DEATH)] == births
+        births = [read(message)[1][0]["long"] for message in listener.of(BIRTH)]
+        assert [read(message)[1][0]["long"] for message in listener.of(DEATH)] == births
         assert births[1] == (births[0] + 1) % 256
-        metrics = [metric for one in listener.of(DATA) for metric in read(one)[1]]
-        values = [(one["double"], "historical" in one) for one in metrics if one["alias"] == 1]
+        metrics = [metric for message in listener.of(DATA) for metric in read(message)[1]]
+        values = [(metric["double"], "historical" in metric) for metric in metrics if metric["alias"] == 1]
         assert values[:2] == [(21.7, True), (23.0, True)] and values[3] == (24.0, False)
 
 
@@ -182,7 +187,9 @@ def test_values_of_all_types_are_read(type_: int, which: str, raw: Any, value: A
     if type_:
         metric.datatype = type_
     setattr(metric, which, raw)
-    assert [(one.name, one.alias, one.value) for one in decoded(payload.SerializeToString())] == [("a", None, value)]
+    assert [(metric.name, metric.alias, metric.value) for metric in decoded(payload.SerializeToString())] == [
+        ("a", None, value)
+    ]
 
 
 def test_names_are_those_of_topics(tmp_path: Path) -> None:

@@ -92,7 +92,7 @@ def test_what_was_added_outlasts_a_kill(tmp_path: Path) -> None:
             reported = max([reported, *map(int, answers.read().splitlines(keepends=True)[:-1])])
         os.waitpid(child, 0)
     store = opened(path, most=10_000_000)
-    values = [one.values[0].value for one in store.first(10_000_000)[1]]
+    values = [sample.values[0].value for sample in store.first(10_000_000)[1]]
     assert values == list(range(len(values))) and len(values) >= reported
     store.close()
 
@@ -102,7 +102,7 @@ def _add_for_ever(path: Path, reported: int) -> NoReturn:
         store = opened(path, most=10_000_000)
         at = len(store)
         while True:
-            store.add([sample(at + one, value=at + one) for one in range(3)])
+            store.add([sample(at + number, value=at + number) for number in range(3)])
             at += 3
             os.write(reported, b"%d\n" % at)
     finally:
@@ -324,7 +324,7 @@ def test_a_store_that_cannot_be_read_does_not_stop_the_server(
 def test_the_log_of_a_store_stays_small(tmp_path: Path) -> None:
     store = opened(tmp_path / "a.db", most=1_000_000)
     for at in range(300):
-        store.add([sample(at * 40 + one, value="x" * 100) for one in range(40)])
+        store.add([sample(at * 40 + number, value="x" * 100) for number in range(40)])
     assert (tmp_path / "a.db").stat().st_size > 2_000_000
     assert (tmp_path / "a.db-wal").stat().st_size < 1_000_000
     store.close()

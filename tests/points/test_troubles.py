@@ -56,7 +56,7 @@ def test_each_event_is_reported_once() -> None:
     assert reports == [("begins", "sink csv a.csv: No space left on device – make room there; values wait")]
     time = 90 * SECOND
     source.begins("Input/output error")
-    assert [one.reason for one in troubles.present()] == ["Input/output error"] and len(reports) == 1
+    assert [trouble.reason for trouble in troubles.present()] == ["Input/output error"] and len(reports) == 1
     count = SampleCount(3, 2, {"level": 2})
     source.loses("too many wait")
     source.loses("too many wait")

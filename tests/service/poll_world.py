@@ -86,7 +86,7 @@ class PollResults:
 
     @property
     def outcomes(self) -> list[str]:
-        return [one.outcome for one in self.failures]
+        return [failure.outcome for failure in self.failures]
 
 
 class Asking:

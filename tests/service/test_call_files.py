@@ -44,7 +44,9 @@ def problems(folder: Path, text: str) -> list[str]:
     path.write_text(text, encoding="utf-8")
     with pytest.raises(DefinitionError) as raised:
         load_run(path)
-    return [f"{one.at.line}:{one.at.column}: {one.what} – {one.todo}" for one in raised.value.problems]
+    return [
+        f"{problem.at.line}:{problem.at.column}: {problem.what} – {problem.todo}" for problem in raised.value.problems
+    ]
 
 
 POINTS = "[{selector: 8, offset: 4, length: 2}, {selector: 0x10, offset: 10, length: 1}]"

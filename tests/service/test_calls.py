@@ -42,7 +42,7 @@ class World:
         self.clock = VirtualClock()
         self.run = load_run(path)
         self.service = RunService(self.run, self.clock)
-        self.device = next(one for one in self.service.devices if one.device.name == name)
+        self.device = next(device for device in self.service.devices if device.device.name == name)
 
     def go(self, seconds: float = 3) -> None:
         if not self.service.running:
@@ -55,7 +55,7 @@ class World:
 
     def ends(self) -> dict[int, tuple[int, int, str]]:
         """Return done, failed and last error of each block."""
-        return {one.id: (one.done, one.failed, str(one.last_failure or "")) for one in self.service.status()}
+        return {block.id: (block.done, block.failed, str(block.last_failure or "")) for block in self.service.status()}
 
 
 def test_status_and_clock_of_an_snp_device_reach_the_memory(tmp_path: Path) -> None:

@@ -134,7 +134,7 @@ class Station:
     def _read(self, place: int, now: int) -> list[Command]:
         def ended(result: TransferResult) -> None:
             if result.ok:
-                expected = [self.known.get(one, 0) for one in range(place, place + 3)]
+                expected = [self.known.get(number, 0) for number in range(place, place + 3)]
                 if any(one not in (None, other) for one, other in zip(expected, result.values, strict=True)):
                     self.wrong.append(f"N7:{place} read as {result.values}, not {expected}")
             self.ended(result)
@@ -189,7 +189,7 @@ def test_a_sum_lets_pass_what_theory_says() -> None:
 def test_commands_outstanding_are_matched_by_their_number(outstanding: int) -> None:
     clock = VirtualClock()
     line = SimulatedLine(clock, parse_format("8N1", 19200))
-    asking, peer = (Station(one, 3 - one, clock, line, {"outstanding": outstanding}, 0) for one in (1, 2))
+    asking, peer = (Station(number, 3 - number, clock, line, {"outstanding": outstanding}, 0) for number in (1, 2))
     for station in (asking, peer):
         station.driver.start()
     peer.memory.write("file7", "word", 0, list(range(100, 160)))

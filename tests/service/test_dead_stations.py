@@ -211,7 +211,9 @@ def test_only_the_first_failure_costs_its_neighbours_all_tries(retries: int, tmp
     path.write_text(
         "run: r\nchannels:\n  1: {port: 'sim:d1.device.yaml,d2.device.yaml,d3.device.yaml', protocol: modbus-rtu, "
         f"params: {{reply_timeout: 300 ms, retries: {retries}}}}}\npoints:\n"
-        + "".join(f"  p{one}: {{channel: 1, station: {one}, address: '40001', every: 1 s}}\n" for one in (1, 2, 3))
+        + "".join(
+            f"  p{station}: {{channel: 1, station: {station}, address: '40001', every: 1 s}}\n" for station in (1, 2, 3)
+        )
     )
     clock = VirtualClock()
     ends: list[tuple[str, int]] = []

@@ -135,8 +135,11 @@ def test_what_removed_blocks_counted_stays_in_the_totals(tmp_path: Path) -> None
     assert before == {1: (11, 0), 2: (5, 0)} and run_status(bench.service).removed == ()
     bench.edit(("into: M1, every: 1 s", "into: M101, every: 2 s"), (RUN[RUN.index('  2: {read: "40002"') :], ""))
     status = run_status(bench.service)
-    assert {one.number: (one.services, one.errors) for one in status.channels} == before
-    assert [(one.channel, one.blocks, one.started, one.done) for one in status.removed] == [(1, 1, 5, 5), (2, 1, 5, 5)]
+    assert {channel.number: (channel.services, channel.errors) for channel in status.channels} == before
+    assert [(channel.channel, channel.blocks, channel.started, channel.done) for channel in status.removed] == [
+        (1, 1, 5, 5),
+        (2, 1, 5, 5),
+    ]
     text = status_text(status, 0)
     assert "-    -      1 removed block  1        gone   5     0       0         -" in text
     shown = status_data(status, 0)["removed"][1]
@@ -144,7 +147,7 @@ def test_what_removed_blocks_counted_stays_in_the_totals(tmp_path: Path) -> None
         "channel": 2, "blocks": 1, "started": 5, "done": 5, "failed": 0, "overruns": 0, "reasons": {},
     }  # fmt: skip
     bench.clock.run_for(2 * SECOND + 500 * MS)
-    assert [one.services for one in run_status(bench.service).channels] == [13, 6]
+    assert [channel.services for channel in run_status(bench.service).channels] == [13, 6]
     bench.service.reset()
     assert run_status(bench.service).removed == () and run_status(bench.service).channels[0].services == 0
 

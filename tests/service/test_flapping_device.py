@@ -107,7 +107,7 @@ def test_a_point_that_stays_failed_is_one_row(junk: bytes, tmp_path: Path, monke
     """The wording of the reason may change; only another value or quality adds a row."""
     world = Flapping(tmp_path, monkeypatch, junk)
     world.run(60)
-    assert [(one.name, one.quality) for one in world.rows] == [("a", "failed"), ("b", "failed")]
+    assert [(row.name, row.quality) for row in world.rows] == [("a", "failed"), ("b", "failed")]
     world.is_well = True
     world.run(20)
     world.service.stop()

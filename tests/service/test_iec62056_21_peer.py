@@ -30,7 +30,7 @@ def reading(number: int) -> None:
             found = reader.standard_readout()
             assert (reader.manufacturer_id, reader.identification) == ("ABC", "2FK-1"), "it passes the backslash over"
             assert reader.switchover_baudrate == 9600
-            assert [(one.address, one.value, one.unit) for one in found.data] == [
+            assert [(value.address, value.value, value.unit) for value in found.data] == [
                 ("0.0", "12345678", None),
                 ("1.8.0", "000123.4", "kWh"),
                 ("2.8.0", "000000.7", "kWh"),

@@ -53,7 +53,7 @@ def test_a_host_without_a_channel_gets_one(tmp_path: Path) -> None:
     assert at_work.words("D", 1, 3) == [1, 1, 1] and at_work.words("D", 101, 3) == [21, 21, 31]
     assert list(at_work.service.channels) == [FIRST_OPENED, FIRST_OPENED + 1], "one connection a host"
     shown = run_status(at_work.service).channels
-    assert [(one.port, one.state) for one in shown] == [
+    assert [(connection.port, connection.state) for connection in shown] == [
         ("sim:3.0.0.2.device.yaml", "open"), ("sim:3.0.0.3.device.yaml", "open"),
     ]  # fmt: skip
     at_work.service.stop()

@@ -73,7 +73,11 @@ def test_a_joined_read_that_is_refused_is_not_joined_again(tmp_path: Path) -> No
     bench.clock.run_for(SECOND + SECOND // 2)
     assert bench.requests() == ["0+5", "7+2", "0+2", "2+3", "7+2"]
     counters = list(bench.service.states.values())
-    assert [(one.started, one.done, one.failed) for one in counters] == [(2, 1, 1), (2, 1, 1), (2, 2, 0)]
+    assert [(counter.started, counter.done, counter.failed) for counter in counters] == [
+        (2, 1, 1),
+        (2, 1, 1),
+        (2, 2, 0),
+    ]
 
 
 def test_blocks_that_have_been_edited_are_joined_again(tmp_path: Path) -> None:

@@ -179,5 +179,5 @@ def test_a_channel_of_another_protocol_stores_no_reply_to_an_earlier_request(
     """Their frames may be the same bytes under other names."""
     world = World(tmp_path, monkeypatch)
     world.reads(number, channels=world.channel(number, protocol=protocol))
-    assert [one.is_foreign for one in world.service.channels[number].engine.late.open] == [True]
+    assert [request.is_foreign for request in world.service.channels[number].engine.late.open] == [True]
     assert world.second(90 * SECOND) == [1002]

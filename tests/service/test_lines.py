@@ -86,9 +86,9 @@ def test_faults_of_a_line_in_a_run(tmp_path: Path) -> None:
     faults = "faults: {rules: [{fault: echo}, {fault: no_reply, every: 7}, {fault: wrong_check, every: 10}]}"
     service = rs485(tmp_path, f", echo: yes, params: {{reply_timeout: 20 ms}}, {faults}")
     injected = [device.faults.injected for device in service.devices if device.faults is not None]
-    assert len(injected) == 2 and all(one["wrong_check"] > 8 and one["no_reply"] > 15 for one in injected)
+    assert len(injected) == 2 and all(counts["wrong_check"] > 8 and counts["no_reply"] > 15 for counts in injected)
     counters = service.channels[1].engine.counters
-    assert counters.bad == sum(one["wrong_check"] for one in injected)
+    assert counters.bad == sum(counts["wrong_check"] for counts in injected)
     assert all(state.failed == 0 for state in service.states.values()), "repeats make up for all of it"
 
 

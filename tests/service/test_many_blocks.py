@@ -103,7 +103,7 @@ def test_sixty_four_blocks_on_eight_protocols(tmp_path: Path) -> None:
             else:
                 assert service.memory.read("D", "word", 1000 + 4 * block, 3) == [number, n, number * n], line.protocol
     for number, load in loads.items():
-        ended = sum(one.cost.bytes * service.states[one.block.number].done for one in load.blocks)
-        longest = max(one.cost.bytes for one in load.blocks)
+        ended = sum(block.cost.bytes * service.states[block.block.number].done for block in load.blocks)
+        longest = max(block.cost.bytes for block in load.blocks)
         doubled = ended // 100  # escaped bytes of some frames, depending on their content
         assert ended - doubled <= carried[number] <= ended + doubled + longest, "the line carries what was foreseen"

@@ -66,7 +66,9 @@ def working(path: str, secure: bool, use_crc: bool) -> None:
         assert panel.seen("RawReaderData") == bytes.fromhex("00 01 1A 00 B5 81 23 40")
         identity = panel.panel.id_report(panel.bus, STATION)
         assert (identity.vendor_code, identity.serial_number, identity.firmware_major) == (b"FK\0", 0x01020304, 1)
-        kinds = {one.function.name for one in panel.panel.device_capabilities(panel.bus, STATION).capabilities}
+        kinds = {
+            capability.function.name for capability in panel.panel.device_capabilities(panel.bus, STATION).capabilities
+        }
         assert {"ReaderLEDControl", "CommunicationSecurity", "CheckCharacterSupport"} <= kinds
         assert list(panel.panel.input_status(panel.bus, STATION).statuses) == [False, True, False, True]
         on = osdp.OutputControl(2, osdp.OutputControlCode.PermanentStateOnAbortTimedOperation, 0)

@@ -165,7 +165,7 @@ def test_a_refusal_is_asked_again_after_a_pause() -> None:
         world.clock.run_for(1)
         assert len(world.port.written) == came + 1
     world.answer()
-    assert [(one.outcome, one.code) for one in results.failures] == [("refused", 2)] * 3
+    assert [(failure.outcome, failure.code) for failure in results.failures] == [("refused", 2)] * 3
     assert results.values == [(0,), (1,), (2,), (3,), (3,)]
 
 
@@ -344,7 +344,7 @@ def _is_over(world: ByHand, polling: Polling, results: PollResults) -> None:
     world.put(4711)
     read = world.read("40001", 1, station=1)
     world.answer()
-    assert [one.values for one in read] == [[4711]]
+    assert [reading.values for reading in read] == [[4711]]
     world.clock.run_for(5 * SECOND)
     assert (results.values, results.failures) == (values, failures)
 
@@ -368,7 +368,7 @@ def test_stopped_while_a_reply_is_waited_for(known: int, every: int, at_once: bo
     world.come(late)
     world.put(2)
     world.answer()
-    assert [one.values for one in read] == [[2]]
+    assert [reading.values for reading in read] == [[2]]
     _is_over(world, polling, results)
 
 
@@ -459,8 +459,8 @@ def test_two_polls_and_reads_and_writes_in_between(at_once: bool, watched: bool)
         world.answer()
     assert set(first.values) == {(100, 101)}
     assert second.values[0] == (110, 111, 112) and second.values[-1] == (7, 111, 112)
-    assert [one.values for one in read] == [[105]]
-    assert [one.ok for one in written] == [True]
+    assert [reading.values for reading in read] == [[105]]
+    assert [result.ok for result in written] == [True]
     assert abs(len(first.values) - len(second.values)) <= 1, "one after the other"
     assert first.failures == second.failures == []
 
@@ -512,7 +512,7 @@ def test_a_write_in_the_callback_goes_out_before_the_next_read() -> None:
     _, results = world.poll("40001", 1, station=1, results=Writes())
     for _ in range(8):
         world.answer()
-    assert [one.ok for one in ended[0]] == [True]
+    assert [result.ok for result in ended[0]] == [True]
     assert results.values[:3] == [(0,), (0,), (0,)] and set(results.values[3:]) == {(55,)}
 
 

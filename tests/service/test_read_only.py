@@ -126,7 +126,7 @@ def test_which_work_of_a_row_is_a_write(work: str) -> None:
 def test_variables_that_sequences_change_are_named(caplog: pytest.LogCaptureFixture) -> None:
     with framekit.serve("uss", "tcp://127.0.0.1:0", read_only=True):
         pass
-    (message,) = [one for one in caplog.messages if "only reads" in one]
+    (message,) = [message for message in caplog.messages if "only reads" in message]
     assert message.endswith(
         "but its sequences change variables by themselves: drive_control, drive_setpoint, drive_fault"
     )

@@ -79,12 +79,15 @@ def test_two_channels_serve_one_memory(tmp_path: Path) -> None:
                 assert reply == b"\x0601RSS01020400\x03", "coil 11 is bit A of M200"
                 assert service.memory.read("M", "word", 101) == [0xBEEF]
                 await asyncio.to_thread(reply_to, other.second, crc(bytes.fromhex("03 03 FFFF 0002")), 5)
-                status = {one.number: one for one in run_status(service).channels}
+                status = {channel.number: channel for channel in run_status(service).channels}
                 assert (status[1].services, status[1].errors) == (2, 0)
                 assert (status[2].services, status[2].errors) == (3, 1)
                 assert list(status[2].reasons.values()) == [1] and "refused 0x0002" in next(iter(status[2].reasons))
                 service.reset()
-                assert [(one.services, one.errors) for one in run_status(service).channels] == [(0, 0), (0, 0)]
+                assert [(channel.services, channel.errors) for channel in run_status(service).channels] == [
+                    (0, 0),
+                    (0, 0),
+                ]
             finally:
                 service.stop()
 
@@ -174,12 +177,12 @@ def test_a_channel_answers_several_clients_over_tcp(tmp_path: Path) -> None:
             assert await exchanged(one, MODBUS_READ, 13) == MODBUS_REPLY + bytes.fromhex("1234 BEEF")
             assert await exchanged(snet, MLDP_READ, 19) == b"\x0601RSB01041234BEEF\x03"
             assert service.memory.read("M", "word", 101) == [0xBEEF]
-            status = {one.number: one for one in run_status(service).channels}
+            status = {channel.number: channel for channel in run_status(service).channels}
             assert (status[1].state, status[1].frames_in, status[1].bytes_in) == ("open", 3, 36)
             assert status[2].frames_in == 1
             names = [f"127.0.0.1:{link[1].get_extra_info('sockname')[1]}" for link in (one, other)]
             assert clients == [names[0]] * 2 + [names[1]] * 2 + [names[0]] * 2
-            assert [(one.services, one.errors) for one in status.values()] == [(3, 0), (1, 0)]
+            assert [(channel.services, channel.errors) for channel in status.values()] == [(3, 0), (1, 0)]
         finally:
             for _, writer in links:
                 writer.close()

@@ -64,7 +64,7 @@ def of_m_bus(wires: Made) -> Made:
 def of_iec62056_21(wires: Made) -> Made:
     messages = pytest.importorskip("iec62056_21.messages", reason="iec62056-21 is not installed")
     sets = [messages.DataSet("0.0", "12345678"), messages.DataSet("1.8.0", "000123.4", "kWh")]
-    block = messages.DataBlock([messages.DataLine([one]) for one in sets])
+    block = messages.DataBlock([messages.DataLine([item]) for item in sets])
     made = {
         "any meter": messages.RequestMessage(),
         "one meter": messages.RequestMessage("12345678"),
@@ -212,7 +212,7 @@ PROGRAMS: dict[str, Callable[[Made], Made]] = {
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_its_program_makes_what_vectors_say_of_it(name: str) -> None:
     vectors = yaml.load(file_of(f"{name}.vectors.yaml").read_text(encoding="utf-8"), yaml.BaseLoader)
-    cases = [one for one in vectors["frames"] if "second_source" in one]
+    cases = [frame for frame in vectors["frames"] if "second_source" in frame]
     wires = {case.get("name", case["frame"]): parse_wire(case["bytes"]).exact for case in cases}
     assert len(wires) == len(cases) and None not in wires.values()
     assert PROGRAMS[name](wires) == wires

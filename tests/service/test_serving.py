@@ -317,7 +317,11 @@ def test_a_client_that_never_reads_its_replies() -> None:
                 await asyncio.sleep(0)
             assert sent < MOST_FLOOD, "the flood comes to a stop"
             assert await pdu_of_reply(number, 1, READ_3) == THREE
-            waiting = [len(one.engine.receiver.stream.buffer) for each in serving.connected.values() for one in each]
+            waiting = [
+                len(connection.engine.receiver.stream.buffer)
+                for each in serving.connected.values()
+                for connection in each
+            ]
             assert max(waiting) < 500_000, "requests are not taken faster than replies"
             writer.transport.abort()
 

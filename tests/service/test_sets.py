@@ -152,8 +152,8 @@ def test_counters_add_up_whatever_is_switched(seed: int, tmp_path: Path, clock: 
             assert one.started - one.done - one.failed == one.running, one
             assert not (one.running and one.waiting)
         assert sum(block.running for block in blocks) <= len(blocks)
-        assert channel.services == sum(one.done for one in blocks)
-        assert channel.errors == sum(one.failed for one in blocks) == sum(channel.reasons.values())
+        assert channel.services == sum(block.done for block in blocks)
+        assert channel.errors == sum(block.failed for block in blocks) == sum(channel.reasons.values())
         failed += channel.errors
     assert failed > 0
     for number in service.states:

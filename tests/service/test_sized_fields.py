@@ -109,4 +109,4 @@ def test_a_size_that_cannot_be_is_told(tmp_path: Path, size: str, problem: str) 
     path = written(tmp_path, f"  0: {{send: PAIR, data: {{one: M0, two: M10}}, size: {size}, once: yes}}\n")
     with pytest.raises(DefinitionError) as error:
         load_run(path)
-    assert [problem in str(one) for one in error.value.problems] == [True]
+    assert [problem in str(reported) for reported in error.value.problems] == [True]

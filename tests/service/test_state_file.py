@@ -29,7 +29,7 @@ def block(done: int, failed: int = 0, number: int = 0, running: int = 0) -> Kept
 def kept(word: int, *blocks: KeptBlock) -> KeptRun:
     memory = bytearray(8192)
     memory[2 * 3000 : 2 * 3000 + 2] = word.to_bytes(2, "little")
-    return KeptRun({"M": bytes(memory), "bits": b"\x01\x10"}, {(one.set, one.number): one for one in blocks})
+    return KeptRun({"M": bytes(memory), "bits": b"\x01\x10"}, {(block.set, block.number): block for block in blocks})
 
 
 def test_what_is_kept_comes_back(tmp_path: Path) -> None:
@@ -44,7 +44,7 @@ def test_what_is_kept_comes_back(tmp_path: Path) -> None:
         assert file.save(kept(0)) == 1, "what became 0 is written too"
     with closing(StateFile(path, "plant", SHAPE)) as file:
         assert file.kept.areas == kept(0).areas
-    assert sorted(one.name for one in tmp_path.iterdir()) == ["plant.state"], "nothing is left beside it"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["plant.state"], "nothing is left beside it"
 
 
 def test_other_areas_may_be_kept_later(tmp_path: Path) -> None:
@@ -196,7 +196,7 @@ def test_a_link_stays_a_link_to_the_state(tmp_path: Path, empty: bool) -> None:
     if empty:
         place.touch()
     written(link)
-    assert link.is_symlink() and [one.name for one in place.parent.iterdir()] == ["state"]
+    assert link.is_symlink() and [path.name for path in place.parent.iterdir()] == ["state"]
     with closing(StateFile(place, "plant", SHAPE)) as file:
         assert file.kept.areas == kept(77).areas
 

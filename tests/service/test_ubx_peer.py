@@ -69,4 +69,4 @@ def test_messages_of_any_content_are_built_alike(kind: str, name: str, frame: st
         assert codec.encode(frame, **found.fields) == written
         theirs = pyubx2.UBXReader.parse(written)
         if frame != "version":
-            assert tuple(round(float(found[one]), 7) for one in ("latitude", "longitude")) == (theirs.lat, theirs.lon)
+            assert tuple(round(float(found[name]), 7) for name in ("latitude", "longitude")) == (theirs.lat, theirs.lon)

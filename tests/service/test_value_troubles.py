@@ -134,7 +134,7 @@ def test_a_lost_port_is_reported_until_values_come_again(tmp_path: Path, monkeyp
         assert [text for *_, text in world.reports] == [f"channel 1: port not open: unplugged{ALL}"]
         assert world.run(29) == [f"channel 1: port not open: no such device{ALL}"]
         driver.longest_retry = 10 * SECOND
-    assert all(one.startswith("channel 1: no reply – ") for one in world.run(25))
+    assert all(line.startswith("channel 1: no reply – ") for line in world.run(25))
     assert world.run(30)[-1].startswith("channel 1: good values again after ")
     assert world.shown == []
 
@@ -148,7 +148,9 @@ def test_hundreds_of_points_that_fail_at_once_are_counted(tmp_path: Path) -> Non
     world = World(write(tmp_path, "{fault: error_reply, from: 100 ms, until: 200 s}", points))
     reports = world.run(80)
     assert 1 <= len(reports) <= 4
-    assert all("points without a good value (" in one and one.count("p") < 10 + 2 * MOST_NAMED for one in reports)
+    assert all(
+        "points without a good value (" in report and report.count("p") < 10 + 2 * MOST_NAMED for report in reports
+    )
     assert world.shown[0].endswith(" – 200 points without a good value (p000, p001, p002 …)")
     assert len(world.shown) == 1 and len(world.run(60)) == 0
 
@@ -327,7 +329,7 @@ def test_a_wait_for_late_replies_is_reported(tmp_path: Path) -> None:
     for _ in range(100):
         reports += world.run(1)
         shown += world.shown
-    assert any(one.startswith(f"channel 1: no reply{ALL}; waits up to ") for one in shown), shown
+    assert any(line.startswith(f"channel 1: no reply{ALL}; waits up to ") for line in shown), shown
     assert not any("for late replies" in report for report in reports), "it is a consequence"
     world.run(60)
     assert world.shown == []
@@ -352,7 +354,7 @@ def test_the_parts_of_a_line_change_with_its_stations(tmp_path: Path) -> None:
     path.write_text(alone + SECOND_STATION)
     world.service.edit(load_run(path))
     world.run(20)
-    assert [one.partition(":")[0] for one in world.shown] == ["channel 1, station 2", "channel 1, station 1"]
+    assert [line.partition(":")[0] for line in world.shown] == ["channel 1, station 2", "channel 1, station 1"]
     path.write_text(alone)
     world.service.edit(load_run(path))
     world.run(150)
@@ -436,7 +438,7 @@ def test_status_json_and_metrics_agree(tmp_path: Path, capsys: pytest.CaptureFix
     assert 1.5 < begun["time"] < 12
     (status,) = [row for row in rows if row["event"] == "status"]
     assert begun["what"] == "begins" and begun["text"] == f"channel 1: no reply{ALL}"
-    assert [(one["name"], one["reason"]) for one in status["troubles"]] == [("channel 1", f"no reply{ALL}")]
+    assert [(trouble["name"], trouble["reason"]) for trouble in status["troubles"]] == [("channel 1", f"no reply{ALL}")]
     world = World(Path(path))
     world.run(20)
     (failing, _) = _of_troubles(run_status(world.service))
@@ -562,14 +564,14 @@ def test_two_slow_stations_are_two_troubles_for_ten_minutes(late: str, retries: 
     shown = {"1500 ms": "1.5 s: set reply_timeout to 2 s", "3 s": "3 s: set reply_timeout to 4 s"}[late]
     slow = [f"channel 1: station {station} answers after {shown} or more" for station in (2, 1)]
     begun = world.run(590)
-    assert [one for one in begun if "no reply" not in one] == slow
+    assert [line for line in begun if "no reply" not in line] == slow
     gets_values = {"1500 ms": 1, "3 s": 2}[late] <= retries
     assert len(begun) == (2 if gets_values else 4), "a station without any value is another trouble"
     assert ["; ".join(sorted(slow, reverse=True)).replace("; channel 1:", ";")] == [
-        one for one in world.shown if one.startswith("channel 1: ")
+        line for line in world.shown if line.startswith("channel 1: ")
     ]
     ended = world.run(200)
-    assert len(ended) == len(begun) and all(" again after 1" in one for one in ended)
+    assert len(ended) == len(begun) and all(" again after 1" in line for line in ended)
     assert world.shown == []
 
 

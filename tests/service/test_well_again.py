@@ -75,7 +75,7 @@ def test_no_value_is_wrong_in_drawn_sequences_of_troubles(name: str, seed: int) 
     lateness = None
     if seed % 3 == 0:
         lateness = lambda now: int(random.random() < 0.1) * random.choice([1200, 2500, 3500]) * MS  # noqa: E731
-        rules = [one for one in rules if one.kind != "delay"]
+        rules = [rule for rule in rules if rule.kind != "delay"]
     world = LateWorld(name, *rules, seed=seed, lateness=lateness, retries=seed % 3)
     good = poll(world, 300 * SECOND)
     assert world.wrong == []
@@ -145,7 +145,7 @@ def test_a_station_whose_requests_wait_for_late_replies_lets_its_neighbour_go_fi
     while clock.now() < 150 * SECOND:
         clock.run_for(SECOND)
         done.append([state.done for state in service.states.values()])
-        row = [(one.name, one.value) for one in service.points.table if one.value is not None]
+        row = [(point.name, point.value) for point in service.points.table if point.value is not None]
         assert all(value == HELD[name] for name, value in row)
     quick, *others = (done[133][at] - done[44][at] for at in range(4))
     assert quick >= 65, "in 89 s; it was 12"

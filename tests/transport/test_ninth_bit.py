@@ -216,7 +216,7 @@ def test_a_marked_byte_comes_as_one_with_a_parity_fault(
             kind, (data, faults) = await events.queue.get()
             assert kind == "received" and len(data) == 2
             assert all(isinstance(fault, CharacterFault) for fault in faults)
-            assert {one.index: one.fault for one in faults} == expected
+            assert {fault.index: fault.fault for fault in faults} == expected
             port.close()
 
     run(check())

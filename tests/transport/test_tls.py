@@ -322,7 +322,11 @@ def test_a_new_certificate_needs_no_restart(
         listener.stop()
 
     run(check())
-    messages = [one.partition(" ")[2] for one in caplog.messages if "certificate" in one and "no handshake" not in one]
+    messages = [
+        message.partition(" ")[2]
+        for message in caplog.messages
+        if "certificate" in message and "no handshake" not in message
+    ]
     assert messages == [
         f"goes on with the certificate that it has: {cert} and {key}: they hold no certificate in PEM"
         " with the key that fits it",
@@ -379,7 +383,7 @@ def test_a_run_names_the_files_beside_it(files: Certificates, tmp_path: Path) ->
         with run_at_work:
             assert came.get(timeout=60) == 4711
             shown = run_at_work.status().channels
-            assert [one.port for one in shown] == [server.port, "tls://127.0.0.1:0"]  # without the files
+            assert [connection.port for connection in shown] == [server.port, "tls://127.0.0.1:0"]  # without the files
     run_file.write_text(run_file.read_text("utf-8").replace("?ca=", "?cu="), "utf-8")
     with pytest.raises(framekit.DefinitionError, match="a tls: port has no 'cu'"):
         framekit.Run(run_file)

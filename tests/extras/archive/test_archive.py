@@ -55,8 +55,8 @@ def rows(target: Path) -> list[dict[str, Any]]:
 def test_a_row_for_everything_seen(tmp_path: Path) -> None:
     target = tmp_path / "all.parquet"
     done = sorted(archive(captures(tmp_path), "modbus-rtu", target, jobs=1), key=lambda one: one.capture)
-    assert [one.rows for one in done] == [3, 5, 8]
-    assert [one.counts["frame"] for one in done] == [2, 4, 6] and done[2].counts["bad"] == 1
+    assert [capture.rows for capture in done] == [3, 5, 8]
+    assert [capture.counts["frame"] for capture in done] == [2, 4, 6] and done[2].counts["bad"] == 1
     assert [path.name for path in sorted(target.iterdir())] == [f"0000{n}-day{n}.parquet" for n in (1, 2, 3)]
     found = rows(target)
     assert pq.read_table(target).num_rows == len(found) == 16  # the folder is one table

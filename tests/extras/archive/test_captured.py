@@ -54,7 +54,9 @@ def test_values_of_a_line_are_those_of_the_run(name: str, tmp_path: Path) -> Non
     run.stop()
     protocol = load_protocol(name, tmp_path)
     found = decoder(tmp_path / "line.pcap", protocol, line=None, params={}, client="out")
-    values = {one.point.rpartition("/")[2]: one.value for one in captured_values(found.seen(), protocol, name, {})}
+    values = {
+        value.point.rpartition("/")[2]: value.value for value in captured_values(found.seen(), protocol, name, {})
+    }
     assert value == 77 and 77 in values.values(), (value, values)
 
 
@@ -69,7 +71,7 @@ def test_what_is_written_is_known_by_its_reply(tmp_path: Path) -> None:
     protocol = load_protocol("modbus-rtu", tmp_path)
     found = decoder(tmp_path / "line.pcap", protocol, line=None, params={}, client="out")
     values = list(captured_values(found.seen(), protocol, "modbus-rtu", {}))
-    assert [(one.point, one.value) for one in values] == [("3/40001", 77), ("3/40001", 500)]
+    assert [(value.point, value.value) for value in values] == [("3/40001", 77), ("3/40001", 500)]
     assert 1_500_000_000 < values[1].time < 1_700_000_000
 
 

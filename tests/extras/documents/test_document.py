@@ -54,7 +54,7 @@ def test_every_frame_is_drawn_and_its_sizes_add_up(name: str) -> None:
         if whole.fixed is not None and all(row[1].isdigit() or not row[1] for row in rows):
             assert sum(int(row[1] or 0) for row in rows) == whole.fixed
             assert [int(row[0]) for row in rows if row[1]] == [
-                sum(int(one[1] or 0) for one in rows[:at]) for at, row in enumerate(rows) if row[1]
+                sum(int(row[1] or 0) for row in rows[:at]) for at, row in enumerate(rows) if row[1]
             ]
     for picture in pictures.values():
         root = ElementTree.fromstring(picture.svg)

@@ -42,7 +42,9 @@ def frames_of(name: str) -> list[tuple[str, dict[str, Any]]]:
     return found
 
 
-@pytest.mark.parametrize("name", [pytest.param(one, marks=[] if one in QUICK else pytest.mark.long) for one in NAMES])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[] if name in QUICK else pytest.mark.long) for name in NAMES]
+)
 def test_frames_of_the_vectors_are_what_the_schema_says(name: str) -> None:
     schema = json_schema(load_protocol(name))
     Draft202012Validator.check_schema(schema)
@@ -73,7 +75,7 @@ def typescript_of(names: list[str], folder: Path) -> list[Path]:
         text = typescript(load_protocol(name))
         shown = [json.dumps({"frame": frame, "fields": fields}) for frame, fields in frames_of(name)]
         inner = {frame.name for frame in load_protocol(name).frames.values() if frame.inner}
-        on_line = [one for one in shown if json.loads(one)["frame"] not in inner]
+        on_line = [text for text in shown if json.loads(text)["frame"] not in inner]
         text += f"export const examples: Decoded[] = [{','.join(on_line)}];\n"
         found.append(folder / f"{name}.ts")
         found[-1].write_text(text, "utf-8")

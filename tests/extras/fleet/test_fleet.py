@@ -109,7 +109,7 @@ def is_well(member: Member) -> bool:
 def rows(path: Path) -> list[Any]:
     """Return the good values that a run has stored, in order."""
     found = [json.loads(line) for line in path.read_text("utf-8").splitlines()]
-    return [one["value"] for one in found if one["quality"] == "good"]
+    return [record["value"] for record in found if record["quality"] == "good"]
 
 
 @needs_mosquitto

@@ -153,9 +153,9 @@ def _nothing_of(member: CMember) -> list[str]:
         case "record":
             assert member.inside is not None
             return [
-                one
+                token
                 for inside in member.inside.members.values()
-                for one in (["-"] if inside.has else _nothing_of(inside))
+                for token in (["-"] if inside.has else _nothing_of(inside))
             ]
         case "bytes":
             return ["x"]
@@ -196,10 +196,10 @@ def _tokens_of(value: Any, member: CMember, made: Generated) -> list[str]:
         case "list":
             assert member.inside is not None
             items = [{PLAIN: item} if member.is_single else item for item in value]
-            return [str(len(value)), *(one for item in items for one in tokens(item, member.inside, made))]
+            return [str(len(value)), *(token for item in items for token in tokens(item, member.inside, made))]
         case "values":
             assert member.item is not None
-            return [str(len(value)), *(one for item in value for one in _tokens_of(item, member.item, made))]
+            return [str(len(value)), *(token for item in value for token in _tokens_of(item, member.item, made))]
     ((frame, fields),) = value.items()
     if frame == "unknown":
         return ["?", f"x{bytes(fields['data']).hex()}"]
@@ -424,7 +424,7 @@ def _scan_one(out: Any, member: CMember, at: str, made: Generated, depth: int) -
 _COMMON = (
     """\
 static const char *const reasons[] = { """
-    + ", ".join(f'"{one}"' for one in _REASONS)
+    + ", ".join(f'"{reason}"' for reason in _REASONS)
     + """ };
 
 static size_t unhex(const char *text, uint8_t *to)
@@ -719,11 +719,11 @@ def found_by_python(c: CProtocol, side: str, data: bytes) -> list[tuple[str, byt
 
     protocol = c.definition
     receiver = Receiver(c.codec, protocol, Scope(protocol, line=line_of(protocol)))
-    frames = [protocol.frames[one] for one in c.generated.in_streams]
+    frames = [protocol.frames[stream] for stream in c.generated.in_streams]
     expected = tuple(frame.name for frame in frames if frame.side in (side, "both"))
     expected = tuple(sorted(expected, key=lambda one: protocol.frames[one].refuse is not None))
     found = feed(receiver, [data], expected) if expected else []
-    return [(one[1], one[2]) for one in found if one[0] == "frame"]
+    return [(event[1], event[2]) for event in found if event[0] == "frame"]
 
 
 def found_by_c(c: CProtocol, side: str, streams: list[bytes], piece: int) -> list[list[tuple[str, bytes]]]:
@@ -743,7 +743,7 @@ def found_by_c(c: CProtocol, side: str, streams: list[bytes], piece: int) -> lis
 def streams_of(c: CProtocol, side: str, seed: int, noisy: bool, count: int = 6) -> list[bytes]:
     """Return streams of a side: frames, noise, and frames with a change between them."""
     random_ = random.Random(seed)
-    frames = [one for one in c.generated.in_streams if c.definition.frames[one].side in (side, "both")]
+    frames = [stream for stream in c.generated.in_streams if c.definition.frames[stream].side in (side, "both")]
     every = [sample for frame in frames for sample in c.samples(frame, 4) if sample]
     found = []
     for _ in range(count if every else 0):
@@ -781,6 +781,6 @@ def trial(c: CProtocol, seed: int, samples: int = 6, changes: int = 12) -> list[
     for frame in c.generated.frames:
         for data in c.samples(frame, samples):
             cases.append((frame, data))
-            cases += ((frame, one) for one in mutated(random_, data, changes))
+            cases += ((frame, changed) for changed in mutated(random_, data, changes))
         cases += ((frame, bytes(random_.randrange(256) for _ in range(random_.randrange(12)))) for _ in range(6))
     return differences(c, cases)

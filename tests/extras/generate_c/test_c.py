@@ -169,7 +169,7 @@ def test_texts_that_end_comments_and_strings() -> None:
 
 
 def test_names_of_c() -> None:
-    assert [identifier(one) for one in ("int", "a-b", "9x", "_T", "a__b", "UINT8_MAX", "é", "")] == [
+    assert [identifier(name) for name in ("int", "a-b", "9x", "_T", "a__b", "UINT8_MAX", "é", "")] == [
         "int_", "a_b", "x9x", "x_T", "a_b", "UINT8_MAX_", "x_", "x",
     ]  # fmt: skip
     names = CNames("a struct")
@@ -225,4 +225,4 @@ def test_decimals_that_64_bits_do_not_hold_are_left_out() -> None:
         f"  f{number}: {{body: [{{field: a, type: decimal, {one}}}]}}\n" for number, one in enumerate(keys)
     )
     assert generate(load_protocol_text(text, "small")).frames == ("f3",)
-    assert {one.partition(": ")[2] for one in omissions(text)} == {"'a' is a number of more than 64 bits"}
+    assert {omission.partition(": ")[2] for omission in omissions(text)} == {"'a' is a number of more than 64 bits"}

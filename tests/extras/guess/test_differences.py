@@ -44,14 +44,14 @@ def registers(level: int, seed: int, extra: bool = False, count: int = 20) -> li
 def test_replies_to_equal_requests_are_compared() -> None:
     rows = differences(registers(1607, 1), registers(4000, 2))
     assert [(row.offset, row.first, row.second) for row in rows] == [(3, "06", "0F"), (4, "47", "A0")]
-    assert all("(asked 11 04 00 10 00 03)" in one.frame for one in rows)
+    assert all("(asked 11 04 00 10 00 03)" in row.frame for row in rows)
     assert differences(registers(1607, 1), registers(1607, 2)) == []
 
 
 def test_with_a_definition_replies_to_equal_requests_are_compared() -> None:
     rows = definition_differences("modbus-rtu", registers(1607, 1), registers(4000, 2))
     assert [(row.offset, row.first, row.second) for row in rows] == [(3, "06", "0F"), (4, "47", "A0")]
-    assert {one.frame for one in rows} == {"reply_adu (asked station=17 function=4 address=16 count=3)"}
+    assert {row.frame for row in rows} == {"reply_adu (asked station=17 function=4 address=16 count=3)"}
     assert definition_differences("modbus-rtu", registers(1607, 1), registers(1607, 2)) == []
 
 
@@ -64,7 +64,7 @@ def test_what_one_recording_has_alone_is_told() -> None:
     rows = definition_differences("modbus-rtu", registers(1607, 1), registers(1607, 2, extra=True))
     assert ("none", "20 frames") in [(row.first, row.second) for row in rows if row.field == "all of it"]
     rows = differences(registers(1607, 1), registers(1607, 2, extra=True))
-    assert ("none", "20 frames") in [(one.first, one.second) for one in rows if one.field == "all of it"]
+    assert ("none", "20 frames") in [(row.first, row.second) for row in rows if row.field == "all of it"]
 
 
 def test_other_protocols_are_told() -> None:
@@ -92,5 +92,5 @@ def test_values_that_are_mostly_greater_differ() -> None:
             found.append(HeardBytes(at * 100_000_000, "in", text + compute(MODBUS, text).to_bytes(2, "little")))
         return found
 
-    assert [one.offset for one in differences(recording(50, 1), recording(85, 2))] == [2]
+    assert [difference.offset for difference in differences(recording(50, 1), recording(85, 2))] == [2]
     assert differences(recording(50, 1), recording(52, 2)) == []

@@ -103,10 +103,10 @@ def test_little_is_said_of_little(chunks: list[HeardBytes]) -> None:
 
 def test_made_up_protocols() -> None:
     marks = [judged(draw_case(seed)) for seed in range(36)]
-    assert sum(one.framing for one in marks) >= 34
+    assert sum(mark.framing for mark in marks) >= 34
     checks = [mark.check for mark in marks if mark.check is not None]
     assert sum(checks) >= 0.94 * len(checks)
-    assert sum(len(one.wrong) for one in marks) <= 2
+    assert sum(len(mark.wrong) for mark in marks) <= 2
 
 
 def test_hex_text_is_read(tmp_path: Path) -> None:
@@ -116,7 +116,7 @@ def test_hex_text_is_read(tmp_path: Path) -> None:
         HeardBytes(None, "out", b"\1\3"), HeardBytes(1_500_000_000, "in", b"\1\3\n"), HeardBytes(None, "out", b"\2\4"),
     ]  # fmt: skip
     path.write_text("02 54 31\n0254 31\n", "utf-8")  # the first byte must not be read as a time
-    assert [one.data for one in heard(path)] == [b"\x02T1", b"\x02T1"]
+    assert [chunk.data for chunk in heard(path)] == [b"\x02T1", b"\x02T1"]
     path.write_text("01 03\n01 0G\n", "utf-8")
     with pytest.raises(HeardError, match=r"heard.txt:2:1: this is no line of hex digits"):
         heard(path)
@@ -145,11 +145,11 @@ def test_connections_of_a_pcap_file_are_read(tmp_path: Path) -> None:
             ip.len = len(ip)
             writer.writepkt(ip, ts=float(at))
     found = heard(tmp_path / "some.pcap")
-    assert [one[1:] for one in found] == [("out", b"ask"), ("in", b"told"), ("out", b" more"), ("out", b"!")]
+    assert [piece[1:] for piece in found] == [("out", b"ask"), ("in", b"told"), ("out", b" more"), ("out", b"!")]
 
 
 def test_a_protocol_that_is_there_is_named() -> None:
-    assert [one.name for one in known_protocols(polls(10))] == ["modbus-rtu", "ge-rtu"]
+    assert [protocol.name for protocol in known_protocols(polls(10))] == ["modbus-rtu", "ge-rtu"]
     assert known_protocols([HeardBytes(None, "", b"T=21.5 ")] * 9) == []
 
 
@@ -163,7 +163,7 @@ def test_a_protocol_that_is_there_is_named() -> None:
 )  # fmt: skip
 def test_a_program_not_written_here_is_named(name: str, protocol: str) -> None:
     chunks = heard(Path(__file__).parents[2] / "data" / "guess" / f"{name}.pcap")
-    assert protocol in [one.name for one in known_protocols(chunks)]
+    assert protocol in [protocol.name for protocol in known_protocols(chunks)]
 
 
 @pytest.mark.long
@@ -249,7 +249,7 @@ def test_data_of_varying_size_is_compared_byte_by_byte() -> None:
         ]
 
     found = differences(recording(0), recording(1))
-    assert [(one.offset, one.first, one.second) for one in found] == [(2, "00", "01")]
+    assert [(piece.offset, piece.first, piece.second) for piece in found] == [(2, "00", "01")]
 
 
 @pytest.mark.parametrize(("name", "start"), [("crc16-arc", b""), ("lrc8", b""), ("crc16-arc", b"\x10\x02")])

@@ -64,7 +64,7 @@ def test_every_byte_has_its_row(page: HexPage) -> None:
     for number, row in enumerate(table.rows):
         spans = table.spans(number)
         assert row.kind == NOISE or [span.offset for span in spans] == [
-            sum(one.size for one in spans[:at]) for at in range(len(spans))
+            sum(span.size for span in spans[:at]) for at in range(len(spans))
         ]
 
 
@@ -136,7 +136,7 @@ def test_frames_with_others_inside_have_the_names_of_these() -> None:
         "values",
         "check",
     ]
-    assert [one.shade for one in table.spans(1)][2:] == ["length", "named", "check"]
+    assert [span.shade for span in table.spans(1)][2:] == ["length", "named", "check"]
 
 
 # ---- bytes and names ---------------------------------------------------------------------------------------------
@@ -267,7 +267,7 @@ def test_what_the_command_line_says_wrongly(tmp_path: Path, capsys: pytest.Captu
 
 @pytest.mark.long
 def test_the_page_of_the_command_ends_by_itself(tmp_path: Path) -> None:
-    (tmp_path / "heard").write_text("".join(f"{one.data.hex()}\n" for one in polled(8)), "utf-8")
+    (tmp_path / "heard").write_text("".join(f"{chunk.data.hex()}\n" for chunk in polled(8)), "utf-8")
     words = [sys.executable, "-m", "framekit", "guess", "heard", "--web", "0", "--for", "300ms", "--json"]
     done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, timeout=60)
     web, found = map(json.loads, done.stdout.splitlines())

@@ -23,11 +23,11 @@ NINE = parse_format("8N1", 9600)
 
 
 def values(wire: Wire, line: LineFormat) -> bytes:
-    return bytes(one.value for one in receive(wire, line))
+    return bytes(character.value for character in receive(wire, line))
 
 
 def faults(wire: Wire, line: LineFormat) -> list[LineFault | None]:
-    return [one.fault for one in receive(wire, line)]
+    return [character.fault for character in receive(wire, line)]
 
 
 @pytest.mark.parametrize("line", LINES, ids=str)
@@ -47,7 +47,7 @@ def test_a_uart_with_another_setting_hears_damage() -> None:
     wire.send_break(10 * MS)
     wire.send(b"\x55", NINE, pause=5 * MS)
     wire.send(b"", NINE, pause=MS)
-    assert [(one.value, one.is_break) for one in receive(wire, NINE)] == [
+    assert [(character.value, character.is_break) for character in receive(wire, NINE)] == [
         (1, False), (3, False), (7, False), (0, True), (0x55, False),
     ]  # fmt: skip
     even = faults(wire, parse_format("8E1", 9600))
@@ -73,8 +73,8 @@ def heard_at(wire: Wire, line: LineFormat) -> HeardAt:
 def verdict_on(wire: Wire, lines: list[LineFormat] = LINES) -> TrialResult:
     """Return the verdict of a trial with these line settings, without simulating its durations."""
     heard = [heard_at(wire, line) for line in lines]
-    best = [one for one in judge(heard).ranking if one.characters][:3]
-    return judge(heard, [heard_at(wire, LineFormat(2 * one.line.speed)) for one in best])
+    best = [trial for trial in judge(heard).ranking if trial.characters][:3]
+    return judge(heard, [heard_at(wire, LineFormat(2 * trial.line.speed)) for trial in best])
 
 
 TRAFFIC = {
@@ -169,7 +169,7 @@ def test_where_damage_is_not_seen_only_text_speaks_for_a_speed() -> None:
     found = judge(speeds)
     assert (found.certainty, found.line) == ("likely", NINE)
     assert "does not tell damaged characters" in found.text
-    silent = [HeardAt(one.line, sees_damage=False) for one in speeds if one.line != NINE]
+    silent = [HeardAt(trial.line, sees_damage=False) for trial in speeds if trial.line != NINE]
     assert judge([speeds[2], *silent]).certainty == "unsure", "others heard nothing to compare it with"
     assert judge([HeardAt(NINE, sees_damage=False)]).certainty == "silent"
     poll = HeardAt(NINE, sees_damage=False)
@@ -217,7 +217,7 @@ def test_a_speed_that_the_device_cannot_have_is_passed_over() -> None:
     port = UartPort(traffic("text", NINE, Random(5), 60), clock, refused=(115200, 38400))
     verdict, why = trial_result(port, clock, LINES)
     assert (verdict.certainty, verdict.line, why) == ("sure", NINE, "")
-    problems = {one.line.speed for one in verdict.ranking if one.problem}
+    problems = {trial.line.speed for trial in verdict.ranking if trial.problem}
     assert problems == {115200, 38400}
 
 

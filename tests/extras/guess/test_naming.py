@@ -49,7 +49,9 @@ def meter() -> Guess:
 
 
 def told_fields(found: Guess, kind: str = "told") -> list[tuple[str, int, int]]:
-    return [(one.name, one.offset, one.size) for each in found.kinds if each.name == kind for one in each.fields]
+    return [
+        (field.name, field.offset, field.size) for each in found.kinds if each.name == kind for field in each.fields
+    ]
 
 
 def test_named_bytes_take_their_place(meter: Guess) -> None:
@@ -191,7 +193,7 @@ def test_the_file_is_written_anew_with_each_name(meter: Guess, tmp_path: Path) -
     names.give(FieldNaming("told", 3, 2, "high", "u16"))  # the overlapping name `level` is removed
     assert [naming.name for naming in names.namings] == ["station", "high"]
     names.forget("asked", 1)  # the name that the reply got, too
-    assert [one.name for one in names.namings] == ["high"]
+    assert [naming.name for naming in names.namings] == ["high"]
     names.forget("told", 3)
     assert path.read_text("utf-8") == drafted(meter, "meter", "line").text
     assert sorted(file.name for file in tmp_path.iterdir()) == ["meter.vectors.yaml", "meter.yaml"]

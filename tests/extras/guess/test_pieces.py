@@ -74,7 +74,7 @@ def polled(count: int) -> list[bytes]:
         size = rng.randrange(1, 6)
         request = bytes([rng.choice([1, 2]), 3, 0, rng.randrange(100), 0, size])
         reply = request[:2] + bytes([2 * size]) + rng.randbytes(2 * size)
-        found += [one + compute(MODBUS, one).to_bytes(2, "little") for one in (request, reply)]
+        found += [frame + compute(MODBUS, frame).to_bytes(2, "little") for frame in (request, reply)]
     return found
 
 
@@ -105,7 +105,7 @@ def test_pieces_of_one_size_are_no_frames_of_that_size(size: int) -> None:
 
 
 def test_pieces_of_one_size_with_a_mark_are_frames() -> None:
-    heard = [one._replace(data=b"\xaa\x55" + one.data[2:]) for one in random_pieces(16, 30)]
+    heard = [chunk._replace(data=b"\xaa\x55" + chunk.data[2:]) for chunk in random_pieces(16, 30)]
     statements = guess(heard).statements
     assert {"a frame begins with AA 55", "every frame has 16 bytes"} <= {statement.text for statement in statements}
 
@@ -120,6 +120,6 @@ def test_cuttings_of_a_line() -> None:
     assert say_little(heard) and are_portions(heard)
     assert not say_little(frames) and not are_portions(frames)
     found = other_cuttings(heard)
-    assert [one.kind for one in found] == ["pauses", "whole"]  # cuts at turns equal cuts at pauses
+    assert [cut.kind for cut in found] == ["pauses", "whole"]  # cuts at turns equal cuts at pauses
     assert sizes_of(found[0].pieces) == sizes_of(frames)
     assert len(found[1].pieces) == 2

@@ -99,7 +99,7 @@ def test_cobs_by_cobs() -> None:
     cobs = pytest.importorskip("cobs.cobs")
     rng = random.Random(4)
     plain = [bytes(rng.choice([0, rng.randrange(256)]) for _ in range(rng.randrange(5, 40))) for _ in range(40)]
-    found = guess_of([cobs.encode(one) + b"\0" for one in plain])
+    found = guess_of([cobs.encode(content) + b"\0" for content in plain])
     assert found.framing is not None and found.framing.stuffing is not None and found.framing.stuffing.kind == "cobs"
 
 

@@ -47,7 +47,7 @@ SHARE = many(3, 1)
 def test_first_frames_and_damaged_ones() -> None:
     cases = [case for name in TRUTHS if WHOLE or name not in DEAR for case in cases_of(name, 1)]
     marks = [judged_real(case) for case in cases[::SHARE]]
-    assert sum(one.framing for one in marks) >= 0.98 * len(marks)
-    for known in ([mark.check for mark in marks], [one.length for one in marks]):
-        assert sum(bool(one) for one in known) >= 0.98 * sum(one is not None for one in known)
-    assert sum(len(one.wrong) for one in marks) <= 0.005 * sum(one.sure for one in marks)
+    assert sum(mark.framing for mark in marks) >= 0.98 * len(marks)
+    for known in ([mark.check for mark in marks], [mark.length for mark in marks]):
+        assert sum(bool(name) for name in known) >= 0.98 * sum(name is not None for name in known)
+    assert sum(len(mark.wrong) for mark in marks) <= 0.005 * sum(mark.sure for mark in marks)

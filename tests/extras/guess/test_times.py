@@ -32,7 +32,7 @@ def test_the_time_out_of_a_program_is_seen(name: str, timeout: int, repeats: int
     assert times.longest_timeout is not None and abs(times.longest_timeout / MS - timeout) <= 5
     assert times.unanswered is not None and times.unanswered.repeats == repeats
     assert times.unanswered.alike == times.unanswered.given_up
-    assert period in [round(one.every.middle / MS) for one in times.periods]
+    assert period in [round(period.every.middle / MS) for period in times.periods]
 
 
 def test_a_definition_waits_and_repeats_as_the_client_did(tmp_path: Path) -> None:
@@ -51,7 +51,8 @@ def test_who_answers_whom_is_told_with_its_times() -> None:
         answers.delay is not None and 20 * MS <= answers.delay.least <= answers.delay.middle <= answers.delay.greatest
     )
     assert any(
-        one.text.startswith("asked is answered by told (69) or told_2 (6), after 20") for one in found.statements
+        statement.text.startswith("asked is answered by told (69) or told_2 (6), after 20")
+        for statement in found.statements
     )
     assert found.times.unanswered is None and found.times.longest_timeout is None
 
@@ -102,7 +103,7 @@ def test_a_damaged_reply_is_a_reply() -> None:
 
 
 def test_times_that_are_not_known_tell_nothing() -> None:
-    chunks = [HeardBytes(None, one.direction, one.data) for one in heard(RECORDINGS / "mbpoll-silent.pcap")]
+    chunks = [HeardBytes(None, chunk.direction, chunk.data) for chunk in heard(RECORDINGS / "mbpoll-silent.pcap")]
     times = guess(chunks).times
     assert times.answers[0].delay is None and times.longest_timeout is None and times.periods == ()
     assert times.unanswered is not None and times.unanswered.repeats == 0

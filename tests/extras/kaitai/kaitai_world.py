@@ -93,16 +93,21 @@ class Reader:
         self.protocol, self.file, self.top = protocol, file, top
         frames = protocol.frames.values()
         wraps = [segment for frame in frames for segment in everything(frame.segments) if isinstance(segment, Wrap)]
-        every = [one for frame in frames for one in flat(frame.segments) if isinstance(one, (Wrap, Choose, Optional))]
+        every = [
+            segment
+            for frame in frames
+            for segment in flat(frame.segments)
+            if isinstance(segment, (Wrap, Choose, Optional))
+        ]
         every += wraps
-        self.parts = ("choice", "optional", "content", *(identifier(one.name) for one in every if one.name))
+        self.parts = ("choice", "optional", "content", *(identifier(segment.name) for segment in every if segment.name))
         """Prefixes of attributes whose values belong to the enclosing record."""
         self.codings = {wrap.coding.shown: wrap.coding for wrap in wraps}.values()
 
     def read(self, frame: str, data: bytes, context: Mapping[str, Any]) -> Any:
         """Return the Kaitai object of a frame. Raises the exceptions of the Kaitai runtime."""
         values = [context[name] for name in self.file.params[1:]]
-        values = [int(one) if isinstance(one, bool) else one for one in values]
+        values = [int(value) if isinstance(value, bool) else value for value in values]
         kind = self.top.FrameKind[self.file.types[frame]]
         return self.top(kind, *values, KaitaiStream(BytesIO(data))).content
 
@@ -217,6 +222,6 @@ def reader_of(protocol: Protocol) -> Reader:
 
 def readers_of(protocols: Sequence[Protocol]) -> list[Reader]:
     """Return the readers of protocols, compiled together, since the compiler's start takes longer than a file."""
-    files = [generate_kaitai(one) for one in protocols]
+    files = [generate_kaitai(protocol) for protocol in protocols]
     tops = compiled([file.text for file in files])
     return [Reader(protocol, file, top) for protocol, file, top in zip(protocols, files, tops, strict=True)]

@@ -58,7 +58,7 @@ def plain(value: Any) -> Any:
                 found[name] = plain(one)
         return found
     if isinstance(value, list):
-        return [plain(one) for one in value]
+        return [plain(item) for item in value]
     return value.value if isinstance(value, enum.Enum) else value
 
 
@@ -129,7 +129,10 @@ class Description:
         top = compiled_files()[self.name]
         codec = loaded(import_kaitai(text, str(path), self.name), folder)
         context = base_context(codec.protocol) | dict(self.context)
-        given = [getattr(getattr(top, one[0]), one[1]) if isinstance(one, tuple) else one for one in self.arguments]
+        given = [
+            getattr(getattr(top, argument[0]), argument[1]) if isinstance(argument, tuple) else argument
+            for argument in self.arguments
+        ]
         found = Trial()
         samples = [sample.data for sample in Sampler(codec, context).samples(self.frame, 40, 400)]
         for data in mutated([*samples, *([bytes.fromhex(self.seed)] if self.seed else [])], count):
@@ -215,7 +218,7 @@ def round_trip(name: str, folder: Path, samples: int = 8) -> RoundTrip:
                 refused.append(f"{path}: {error}")
                 continue
             found.frames += 1
-            found.left_out += [f"{path}.{one}" for one in sample.read if one in coded[frame]]
+            found.left_out += [f"{path}.{name}" for name in sample.read if name in coded[frame]]
             compare(values, {n: v for n, v in sample.read.items() if n not in coded[frame]}, path, parts, found)
     return RoundTrip(len(file.frames), imported, found, refused)
 
@@ -223,7 +226,7 @@ def round_trip(name: str, folder: Path, samples: int = 8) -> RoundTrip:
 def parts_of(protocol: Protocol) -> tuple[str, ...]:
     """Return the prefixes of records of an exported file whose values belong to the enclosing record."""
     every = [segment for frame in protocol.frames.values() for segment in everything(frame.segments)]
-    named = [one.name for one in every if isinstance(one, (Wrap, Choose, Optional)) and one.name]
+    named = [segment.name for segment in every if isinstance(segment, (Wrap, Choose, Optional)) and segment.name]
     return ("choice", "optional", "content", *map(identifier, named))
 
 
@@ -232,7 +235,9 @@ def coded_names(protocol: Protocol) -> dict[str, set[str]]:
     found: dict[str, set[str]] = {}
     for frame in protocol.frames.values():
         wraps = (
-            one for one in everything(frame.segments) if isinstance(one, Wrap) and not isinstance(one.coding, Plain)
+            segment
+            for segment in everything(frame.segments)
+            if isinstance(segment, Wrap) and not isinstance(segment.coding, Plain)
         )
         found[frame.name] = {name for wrap in wraps for segment in everything(wrap.of) for name in segment.value_names}
     return found

@@ -62,7 +62,7 @@ def test_what_kaitai_does_not_say_is_told_with_its_place() -> None:
     messages = {problem.what for problem in made.left_out}
     assert any(what.startswith("frame 'line' is left out") for what in messages)
     assert "line" in made.types and "line" not in made.frames
-    assert any("the check code" in one.what for one in generate_kaitai(load_protocol("modbus-rtu")).left_out)
+    assert any("the check code" in problem.what for problem in generate_kaitai(load_protocol("modbus-rtu")).left_out)
     for problem in made.left_out:
         assert f"{problem.at.line}:{problem.at.column}: {problem.what}" in made.text
 

@@ -245,7 +245,7 @@ def test_good_and_bad_bytes_are_what_they_are_for_framekit(rows: Mapping[str, Ro
         messages = {problem.what for problem in reader.file.left_out if problem.at != reader.protocol.at}
         assert messages == LESS.get(title, set())
         frame, all_data = [*reader.protocol.frames][-1], map(bytes.fromhex, bytes_.split("|"))
-        found[title] = [one for data in all_data for one in differences(reader, codec, frame, data)]
+        found[title] = [difference for data in all_data for difference in differences(reader, codec, frame, data)]
     assert {title: one for title, one in found.items() if one} == {}
 
 
@@ -271,7 +271,7 @@ def test_the_bytes_of_every_kind_of_segment() -> None:
     pairs = readers([load_protocol_text(case.yaml) for case in CASES])
     for case, (reader, codec) in zip(CASES, pairs, strict=True):
         assert differences(reader, codec, "f", case.bytes) == [], case.title
-        found = [one for data in case.bad for one in differences(reader, codec, "f", bytes.fromhex(data))]
+        found = [difference for data in case.bad for difference in differences(reader, codec, "f", bytes.fromhex(data))]
         messages = [problem.what for problem in reader.file.left_out if any(word in problem.what for word in CHECKS)]
         assert messages or not found, case.title
 
@@ -298,7 +298,7 @@ def test_drawn_definitions(first: int, count: int) -> None:
             drawn.append((trial.protocol, [data, *(damaged(data, trial.random) for _ in range(8))]))
     assert len(drawn) > count // 10
     for (_, all_data), (reader, codec) in zip(drawn, readers([protocol for protocol, _ in drawn]), strict=True):
-        found = [one for data in all_data for one in differences(reader, codec, "f", data)]
+        found = [difference for data in all_data for difference in differences(reader, codec, "f", data)]
         is_reported = any(word in problem.what for problem in reader.file.left_out for word in CHECKS)
         inside = any(frame.inner or frame.name != "f" for frame in reader.protocol.frames.values())
         assert is_reported or inside or not found, reader.file.text

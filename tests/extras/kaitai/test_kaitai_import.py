@@ -86,7 +86,7 @@ def come_back(name: str, folder: Path) -> RoundTrip:
     found = round_trip(name, folder)
     assert found.compared.differences == []
     # frames that no byte distinguishes, and parts under an inexpressible condition, are reported as refused
-    assert {one.partition(" ")[0] for one in found.refused} <= {
+    assert {message.partition(" ")[0] for message in found.refused} <= {
         "request_frame", "reply_frame", "rsp_ud", "task", "response",
     }  # fmt: skip
     if found.imported:
@@ -128,7 +128,7 @@ def test_all_exported_definitions_come_back_as_the_page_says(tmp_path: Path) -> 
 
 def test_the_samples_pass_the_check(tmp_path: Path) -> None:
     for path in FILES:
-        assert not any("frame '" in one.what for one in imported(path.read_text("utf-8"), tmp_path)), path
+        assert not any("frame '" in problem.what for problem in imported(path.read_text("utf-8"), tmp_path)), path
 
 
 UNSAYABLE = """\
@@ -225,9 +225,9 @@ PARTS = {
 def test_each_part_that_has_no_form_is_told(seq: str, tmp_path: Path) -> None:
     types = "types: {t: {seq: [{id: again, type: t}]}, two: {seq: [{id: x, size: 2}]}}"
     found = messages_of(f"meta: {{id: odd}}\nseq: [{seq}]\n{types}\n", tmp_path)
-    assert any(PARTS[seq] in one for one in found) if PARTS[seq] else found == []
+    assert any(PARTS[seq] in message for message in found) if PARTS[seq] else found == []
     if "pad-right" not in seq and PARTS[seq] and "_io" not in seq:
-        assert any("the frame 'odd' is left out" in one or "is refused" in one for one in found)
+        assert any("the frame 'odd' is left out" in message or "is refused" in message for message in found)
 
 
 def test_what_cases_of_one_type_say_differently_is_told(tmp_path: Path) -> None:
@@ -351,28 +351,30 @@ def test_any_text_gives_a_definition_or_is_told(seed: int, tmp_path: Path) -> No
 
 def doubling(depth: int) -> str:
     types = "".join(
-        f"  t{one}: {{seq: [{{id: a, type: t{one + 1}}}, {{id: b, type: t{one + 1}}}]}}\n" for one in range(depth)
+        f"  t{number}: {{seq: [{{id: a, type: t{number + 1}}}, {{id: b, type: t{number + 1}}}]}}\n"
+        for number in range(depth)
     )
     return f"meta: {{id: odd}}\nseq: [{{id: a, type: t0}}]\ntypes:\n{types}  t{depth}: {{seq: [{{id: a, type: u1}}]}}\n"
 
 
 @pytest.mark.parametrize("depth", [60, 400, 4000])
 def test_instances_that_ask_for_each_other_have_a_bound(depth: int, tmp_path: Path) -> None:
-    chain = "".join(f"  b{one}: {{value: b{one + 1} + 1}}\n" for one in range(depth))
+    chain = "".join(f"  b{number}: {{value: b{number + 1} + 1}}\n" for number in range(depth))
     text = f"meta: {{id: odd}}\nseq: [{{id: a, type: u1}}]\ninstances:\n{chain}  b{depth}: {{value: a}}\n"
     assert "instances that ask for each other deeper than 24" in messages_of(text, tmp_path)[0]
 
 
 @pytest.mark.parametrize("count", [30, 60, 101, 400, 4000])
 def test_attributes_that_may_be_left_out_in_a_row_have_a_bound(count: int, tmp_path: Path) -> None:
-    seq = ", ".join(f"{{id: b{one}, type: u1, if: not _io.eof}}" for one in range(count))
+    seq = ", ".join(f"{{id: b{number}, type: u1, if: not _io.eof}}" for number in range(count))
     found = messages_of(f"meta: {{id: odd}}\nseq: [{{id: a, type: u1}}, {seq}]\n", tmp_path)
-    assert any("nested deeper" in one or "more than 100 attributes in a row" in one for one in found)
+    assert any("nested deeper" in message or "more than 100 attributes in a row" in message for message in found)
 
 
 def test_types_under_conditions_too_deep_for_python_are_told(tmp_path: Path) -> None:
     types = "".join(
-        f"  t{one}: {{seq: [{{id: x, type: u1}}, {{id: a, type: t{one + 1}, if: x == 1}}]}}\n" for one in range(23)
+        f"  t{number}: {{seq: [{{id: x, type: u1}}, {{id: a, type: t{number + 1}, if: x == 1}}]}}\n"
+        for number in range(23)
     )
     text = f"meta: {{id: odd}}\nseq: [{{id: a, type: t0}}]\ntypes:\n{types}  t23: {{seq: [{{id: x, type: u1}}]}}\n"
     assert (
@@ -382,9 +384,9 @@ def test_types_under_conditions_too_deep_for_python_are_told(tmp_path: Path) -> 
 
 
 def frames_of(count: int) -> str:
-    parts = ", ".join(f"{{id: a{one}, type: u1}}" for one in range(200))
-    cases = ", ".join(f"{one}: t{one}" for one in range(count))
-    types = "".join(f"  t{one}: {{seq: [{{id: all, type: part}}]}}\n" for one in range(count))
+    parts = ", ".join(f"{{id: a{number}, type: u1}}" for number in range(200))
+    cases = ", ".join(f"{number}: t{number}" for number in range(count))
+    types = "".join(f"  t{number}: {{seq: [{{id: all, type: part}}]}}\n" for number in range(count))
     top = f"params: [{{id: p, type: u4}}]\nseq: [{{id: c, type: {{switch-on: p, cases: {{{cases}}}}}}}]\n"
     return f"meta: {{id: odd}}\n{top}types:\n  part: {{seq: [{parts}]}}\n{types}"
 
@@ -398,8 +400,8 @@ def frames_of(count: int) -> str:
         "meta: {id: odd}\nseq: [{id: a, type: u1}]\ninstances: {b: {value: " + "a + " * 2400 + "a}}\n",
         "meta: {id: odd}\nseq: [{id: a, type: u1}]\ninstances: {b: {value: " + "(" * 4000 + "a}}\n",
         "meta: {id: odd}\nseq: [{id: a, type: u1}]\ninstances:\n  b0: {value: a}\n"
-        + "".join(f"  b{one + 1}: {{value: b{one} + b{one}}}\n" for one in range(300)),
-        "meta: {id: odd}\nseq: [" + ", ".join(f"{{id: b{one}, type: b1}}" for one in range(3000)) + "]\n",
+        + "".join(f"  b{number + 1}: {{value: b{number} + b{number}}}\n" for number in range(300)),
+        "meta: {id: odd}\nseq: [" + ", ".join(f"{{id: b{number}, type: b1}}" for number in range(3000)) + "]\n",
         "meta: {id: odd}\nx: &a [1]\nseq: [{id: a, type: u1}]\n",
     ],
     ids=["doubling", "deep", "frames", "sum", "parentheses", "chain", "bits", "alias"],

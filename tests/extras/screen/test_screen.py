@@ -280,7 +280,7 @@ def everything_that_comes(app: MonitorApp) -> list[Callable[[], object]]:
         lambda: app.on_data_table_row_highlighted(highlighted), lambda: app.on_key(Key("escape", None)),
         *(getattr(app, f"action_{name}") for name in ("pause", "switch_bytes", "bad_only", "follow", "find")),
         app.action_command,
-        *(lambda one=one: app.on_input_submitted(one) for one in submitted),
+        *(lambda text=text: app.on_input_submitted(text) for text in submitted),
     ]  # fmt: skip
 
 

@@ -150,7 +150,7 @@ def messages_of(text: str) -> list[str]:
     try:
         return [str(problem) for problem in from_streamdevice(text, "x.proto", "made").left_out]
     except DefinitionError as error:
-        return [str(one) for one in error.problems]
+        return [str(problem) for problem in error.problems]
 
 
 def test_what_is_left_out_is_told_with_its_place() -> None:
@@ -292,7 +292,9 @@ def test_every_error_at_once() -> None:
 
 @pytest.mark.parametrize("text", ["p { " + "{" * 3000, "p{" * 3000, "p { out " + "${" * 3000])
 def test_blocks_inside_each_other_have_a_bound(text: str) -> None:
-    assert any("blocks stand deeper inside each other than 20 – end each with }" in one for one in messages_of(text))
+    assert any(
+        "blocks stand deeper inside each other than 20 – end each with }" in message for message in messages_of(text)
+    )
 
 
 def test_equal_names_get_numbers() -> None:
@@ -411,7 +413,7 @@ def test_every_definition_that_is_made_is_a_right_one(ending: str, found: list[l
     try:
         made = from_streamdevice(text, "x.proto", "made")
     except DefinitionError as error:
-        assert error.problems and all(one.at.file == "x.proto" and one.todo for one in error.problems)
+        assert error.problems and all(problem.at.file == "x.proto" and problem.todo for problem in error.problems)
         return
     assert all(problem.at.file == "x.proto" and problem.todo for problem in made.left_out)
     with tempfile.TemporaryDirectory() as folder:

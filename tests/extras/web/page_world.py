@@ -61,7 +61,7 @@ class Browser:
     """The state of a browser: points, tables, values and frames, updated by messages."""
 
     def __init__(self, hello: dict[str, Any]) -> None:
-        self.points: list[str] = [one[0] for one in hello["points"]]
+        self.points: list[str] = [point[0] for point in hello["points"]]
         self.tables: dict[str, dict[str, Any]] = {name: {} for name, _ in hello["tables"]}
         self.values: dict[str, list[Any]] = {}
         self.frames: list[list[str]] = []

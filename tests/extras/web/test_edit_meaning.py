@@ -41,18 +41,18 @@ def test_problems_stand_at_their_lines(lamp: Path) -> None:
 def test_a_problem_of_another_file_names_it(lamp: Path, tmp_path: Path) -> None:
     device = written(tmp_path, "device: hall\nprotocol: lamp.yaml\n", "hall.device.yaml")
     written(tmp_path, LAMP.replace("u16", "u88"))
-    assert [(one[0], one[5]) for one in answer_of("look", device)["problems"]] == [(0, "lamp.yaml")]
+    assert [(problem[0], problem[5]) for problem in answer_of("look", device)["problems"]] == [(0, "lamp.yaml")]
 
 
 def test_text_that_is_no_yaml_has_one_problem(lamp: Path) -> None:
     found = answer_of("look", lamp, LAMP + "  [")
     assert (found["kind"], found["protocols"]) == ("", None)
-    assert [one[0] for one in found["problems"]] == [18]
+    assert [problem[0] for problem in found["problems"]] == [18]
 
 
 def test_a_run_shows_the_frames_of_its_protocols(lamp: Path, tmp_path: Path) -> None:
     run = written(tmp_path, RUN, "hall.run.yaml")
-    assert [one["name"] for one in answer_of("look", run)["protocols"]] == ["lamp", "modbus-rtu"]
+    assert [protocol["name"] for protocol in answer_of("look", run)["protocols"]] == ["lamp", "modbus-rtu"]
     (reading,) = answer_of("decode", run, protocol="lamp", data="02 05 01 00 0D 10")["readings"]
     assert reading["frame"] == "SWITCH"
 

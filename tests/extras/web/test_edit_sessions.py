@@ -142,7 +142,7 @@ def test_with_the_token_a_text_is_examined_and_saved(tmp_path: Path) -> None:
     assert opened["text"] == LAMP
     assert (checked["checked"], checked["problems"][0][0]) == (7, 10)
     assert read == {"decoded": "02", "why": "Correct the definition first"}
-    assert [one["name"] for one in again["protocols"]] == ["lamp"]
+    assert [protocol["name"] for protocol in again["protocols"]] == ["lamp"]
     saved, stale = answers_to(
         session,
         {"save": changed, "file": "lamp.yaml", "digest": opened["digest"], "id": 1},

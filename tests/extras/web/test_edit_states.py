@@ -20,7 +20,11 @@ def drawn(states: tuple[DiagramState, ...], title: str = "a") -> ElementTree.Ele
 
 
 def texts(picture: ElementTree.Element, look: str) -> list[str]:
-    return [(one.text or one[0].tail or "") for one in picture.iter(f"{SVG}text") if one.get("class") == look]
+    return [
+        (element.text or element[0].tail or "")
+        for element in picture.iter(f"{SVG}text")
+        if element.get("class") == look
+    ]
 
 
 def test_states_of_a_shipped_sequence() -> None:
@@ -29,7 +33,7 @@ def test_states_of_a_shipped_sequence() -> None:
     assert texts(picture, "name") == ["everybody", "ask", "pause"]
     assert texts(picture, "fails") == ["fails: no_reply"]
     assert texts(picture, "target") == ["ask", "pause", "↻ again", "↻ again", "↻ again"]
-    assert len([one for one in picture.iter(f"{SVG}g") if one.get("class") == "to"]) == 2
+    assert len([element for element in picture.iter(f"{SVG}g") if element.get("class") == "to"]) == 2
 
 
 def test_vertical_lines_that_pass_each_other_have_places_of_their_own() -> None:
@@ -38,7 +42,9 @@ def test_vertical_lines_that_pass_each_other_have_places_of_their_own() -> None:
         DiagramState(name, name, tuple(Arrow("", ArrowEnd("step", other)) for other in steps if other != name))
         for name in steps
     )
-    paths = [one.get("d") or "" for one in drawn(states).iter(f"{SVG}path") if one.get("class") == "line"][1:]
+    paths = [element.get("d") or "" for element in drawn(states).iter(f"{SVG}path") if element.get("class") == "line"][
+        1:
+    ]
     across = [path.split("H")[1].partition("M")[0] for path in paths]
     assert len(set(across)) == len(steps)
 
@@ -50,7 +56,7 @@ def test_names_are_texts_and_long_ones_are_cut() -> None:
     )
     assert not list(picture.iter(f"{SVG}script"))
     assert all(len(text) <= 80 for text in texts(picture, "does") + texts(picture, "event"))
-    (event,) = (one for one in picture.iter(f"{SVG}text") if one.get("class") == "event")
+    (event,) = (element for element in picture.iter(f"{SVG}text") if element.get("class") == "event")
     assert event[0].text == "y" * 500
 
 

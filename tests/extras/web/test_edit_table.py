@@ -157,7 +157,7 @@ def test_hostile_values_change_nothing_else(path: Path) -> None:
         if "why" in answer:
             continue
         text = applied(RUN, answer)
-        found = next(one for one in answer_of("look", path, text)["tables"] if one["where"] == BLOCKS)
+        found = next(table for table in answer_of("look", path, text)["tables"] if table["where"] == BLOCKS)
         assert len(found["rows"]) == 3
         cells = found["rows"][0]["cells"]
         assert cells[4][:2] == ["into", value]
@@ -170,8 +170,8 @@ def test_many_changes_in_a_row_keep_every_comment(path: Path) -> None:
     for number in range(60):
         row, key = random_.choice("0123"), random_.choice(keys)
         value = random_.choice(["", "1", "[MW1, MW2]", "a, b", "%MW4"])
-        rows = next(one for one in answer_of("look", path, text)["tables"] if one["where"] == BLOCKS)["rows"]
-        present = {cell[0] for one in rows if one["name"] == row for cell in one["cells"]}
+        rows = next(table for table in answer_of("look", path, text)["tables"] if table["where"] == BLOCKS)["rows"]
+        present = {cell[0] for shown_row in rows if shown_row["name"] == row for cell in shown_row["cells"]}
         old = key if key in present else ""
         answer = answer_of("change", path, text, where=BLOCKS, row=row, key=key, old=old, value=value)
         if "why" not in answer:

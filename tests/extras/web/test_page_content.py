@@ -59,7 +59,7 @@ def test_a_dead_station_is_named_on_its_card_and_as_a_notice(tmp_path: Path) -> 
     assert notice.text.startswith("channel 1") and "3 points without a good value" in notice.text
     session = page.session()
     notices = [message["notices"] for message in session.news() if "notices" in message]
-    assert [one[1] for one in notices[0]] == [notice.text]
+    assert [notice[1] for notice in notices[0]] == [notice.text]
     assert not any("notices" in message for message in session.news())
 
 
@@ -85,7 +85,9 @@ def test_notices_last_until_they_are_over_and_are_bounded() -> None:
     notices = Notices()
     notices.look({"a": "a is away"}, 1.0)
     notices.look({"a": "a is away, 3 samples wait"}, 2.0)
-    assert [(one.text, one.began, one.ended) for one in notices] == [("a is away, 3 samples wait", 1.0, None)]
+    assert [(notice.text, notice.began, notice.ended) for notice in notices] == [
+        ("a is away, 3 samples wait", 1.0, None)
+    ]
     notices.look({}, 3.0)
     notices.look({"a": "a is away"}, 4.0)
     assert [(notice.number, notice.ended) for notice in notices] == [(1, 3.0), (2, None)]

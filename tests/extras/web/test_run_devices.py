@@ -135,7 +135,7 @@ def test_a_fault_of_a_simulated_device_reaches_the_run(tmp_path: Path) -> None:
     pages.run.run_for("60 s")
     assert pages.run.points["level"].quality == "good"
     pages.of_run.look()
-    assert all(one.ended is not None for one in pages.of_run.notices)
+    assert all(notice.ended is not None for notice in pages.of_run.notices)
     assert next(card for card in pages.of_run.cards if card.title == "Stations").value == "Answers"
 
 

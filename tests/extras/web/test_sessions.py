@@ -53,7 +53,7 @@ def test_a_browser_gets_everything_and_then_what_has_changed(page: Page) -> None
 
 def test_a_slow_browser_loses_what_came_in_between_and_has_the_same_picture(page: Page) -> None:
     slow, quick = page.session(), page.session()
-    seen = [Browser(one.hello()) for one in (slow, quick)]
+    seen = [Browser(session.hello()) for session in (slow, quick)]
     for _ in range(30):
         page.run.run_for("1 s")
         seen[1].take(quick.news())

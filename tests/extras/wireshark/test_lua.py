@@ -133,9 +133,11 @@ frames:
     script.write_text(source.replace('when = function(n) return X.gt(X.of(n, "a"), 9) end', "when = nil"))
     serial_capture(capture, [frame + b"\0" for frame in frames])
     shown = packets_of(run(script, capture, "-T", "pdml"), "fk_wide")
-    assert [one.value("fk_wide.a") for one in shown] == [str(int.from_bytes(one[1:9], "big")) for one in frames]
-    assert [one.value("fk_wide.b") for one in shown] == [
-        str(int.from_bytes(one[9:17], "little", signed=True)) for one in frames
+    assert [packet.value("fk_wide.a") for packet in shown] == [
+        str(int.from_bytes(frame[1:9], "big")) for frame in frames
+    ]
+    assert [packet.value("fk_wide.b") for packet in shown] == [
+        str(int.from_bytes(frame[9:17], "little", signed=True)) for frame in frames
     ]
     serial_capture(capture, [frames[1]])
     script.write_text(source)
@@ -172,7 +174,7 @@ def test_what_cannot_be_said_is_told_with_its_place() -> None:
 def test_what_cannot_be_said_is_shown_as_bytes(tmp_path: Path) -> None:
     script, capture = tmp_path / "secured.lua", tmp_path / "secured.pcap"
     script.write_text(generate_dissector(load_protocol_text(SECURED, "secured")).source)
-    serial_capture(capture, [bytes.fromhex(one) for one in ("01 07", "02 07 01 02 03 04", "03" + " 55" * 16)])
+    serial_capture(capture, [bytes.fromhex(digits) for digits in ("01 07", "02 07 01 02 03 04", "03" + " 55" * 16)])
     plain, signed, sealed = packets_of(run(script, capture, "-T", "pdml"), "fk_secured")
     assert (plain.frames, plain.experts) == (["plain"], [])
     assert (signed.frames, signed.experts, signed.value("fk_secured.a")) == (["signed"], ["unverified"], "7")
@@ -242,8 +244,8 @@ def test_frames_in_datagrams(tmp_path: Path) -> None:
     udp_capture(capture, 40_502, [ask, ask + ask, ask[:7]])
     shown = run(script, capture, "-d", "udp.port==40502,fk_modbus_tcp", "-T", "pdml")
     found = packets_of(shown, "fk_modbus_tcp")
-    assert [one.frames for one in found] == [["request_adu"], ["request_adu"] * 2, []]
-    assert [one.experts for one in found] == [[], [], ["bad"]]
+    assert [packet.frames for packet in found] == [["request_adu"], ["request_adu"] * 2, []]
+    assert [packet.experts for packet in found] == [[], [], ["bad"]]
 
 
 @needs_tshark
@@ -272,7 +274,7 @@ def test_a_serial_line_in_pieces_and_who_sends_what(tmp_path: Path) -> None:
         (["request_adu"], {"response_in": "9"}),
         (["reply_adu"], {"request_in": "8", "time": "0.020000000"}),
     ]
-    assert [one.experts for one in found] == [["part"], [], ["part"], [], [], [], ["check"], [], ["noise"]]
+    assert [packet.experts for packet in found] == [["part"], [], ["part"], [], [], [], ["check"], [], ["noise"]]
     assert found[0].messages == ["The frame goes on in packet 2"]
 
 
@@ -283,8 +285,8 @@ def test_noise_is_told_and_ends(tmp_path: Path) -> None:
     script.write_text(generate_dissector(load_protocol("modbus-rtu")).source)
     serial_capture(capture, [*(random.randbytes(random.randint(1, 200)) for _ in range(30)), random.randbytes(3000)])
     found = packets_of(run(script, capture, "-2", "-T", "pdml"), "fk_modbus_rtu")
-    assert all(one.experts or one.frames for one in found)
-    assert sum(bool({"noise", "bad", "check", "part"} & {*one.experts}) for one in found) > 25
+    assert all(packet.experts or packet.frames for packet in found)
+    assert sum(bool({"noise", "bad", "check", "part"} & {*packet.experts}) for packet in found) > 25
 
 
 # ---- text of a file is never code -------------------------------------------------------------------------------

@@ -213,7 +213,7 @@ DissectorTable.get("rtacser.data"):add_for_decode_as(dispatch)
 def compare(comparisons: Sequence[DissectorInput], place: Path) -> None:
     """Run tshark once over the frames of all these protocols: compare its fields with the values of framekit."""
     place.mkdir(parents=True, exist_ok=True)
-    prefixes = [prefix_of(one.protocol) for one in comparisons]
+    prefixes = [prefix_of(comparison.protocol) for comparison in comparisons]
     assert len({*prefixes}) == len(comparisons), "a protocol has one set of preferences"
     options, parts, last = [], [], 0
     for one, prefix in zip(comparisons, prefixes, strict=True):
@@ -228,7 +228,7 @@ def compare(comparisons: Sequence[DissectorInput], place: Path) -> None:
         parts.append(f'{{ {last}, "{prefix}" }}')
     dispatch, capture = place / "dispatch.lua", place / "frames.pcap"
     dispatch.write_text(DISPATCH.replace("PARTS", ", ".join(parts)))
-    serial_capture(capture, [frame for one in comparisons for frame in one.frames])
+    serial_capture(capture, [frame for comparison in comparisons for frame in comparison.frames])
     pdml = run(dispatch, capture, "-2", "-T", "pdml", "-d", "rtacser.data,fk_dispatch", *options)
     packets = iter(packets_of(pdml, *prefixes))
     for one, prefix in zip(comparisons, prefixes, strict=True):
@@ -263,7 +263,7 @@ def _compare_packets(comparison: DissectorInput, packets: Sequence[Packet]) -> N
             _, spans, _ = codec.trace(fits[0].frame, data, context)
             wanted = list(expected(spans, data))
             found.fields += len(wanted)
-            differ += [f"{shown} {one}" for one in _fields_differ(protocol, wanted, packet.fields)]
+            differ += [f"{shown} {difference}" for difference in _fields_differ(protocol, wanted, packet.fields)]
 
 
 def _told(packet: Packet, best: tuple[str, FrameError] | None, ends: bool) -> Iterator[str]:
@@ -298,7 +298,7 @@ def expected(spans: Sequence[tuple[str, int, int, Any]], data: bytes) -> Iterato
 def _fields_differ(protocol: Protocol, wanted: list[Wanted], fields: list[Shown]) -> Iterator[str]:
     labels = [field for field in fields if field.name or ": " in field.value]
     if len(labels) != len(wanted):
-        yield f"{len(wanted)} fields {wanted}, tshark shows {[(one.name, one.value) for one in labels]}"
+        yield f"{len(wanted)} fields {wanted}, tshark shows {[(label.name, label.value) for label in labels]}"
         return
     names = numbers_with_names(protocol)
     for (name, value, first, size), one in zip(wanted, labels, strict=True):
@@ -341,7 +341,9 @@ def is_same(value: Any, shown: str) -> bool:
 def _escaped(value: str) -> str:
     """Return a text with control characters as tshark shows them."""
     words = {"\r": "r", "\n": "n", "\t": "t", "\a": "a", "\b": "b", "\v": "v", "\f": "f", "\\": "\\", '"': '"'}
-    signs = (f"\\{words[one]}" if one in words else one if one.isprintable() else f"\\x{ord(one):02x}" for one in value)
+    signs = (
+        f"\\{words[sign]}" if sign in words else sign if sign.isprintable() else f"\\x{ord(sign):02x}" for sign in value
+    )
     return "".join(signs)
 
 
