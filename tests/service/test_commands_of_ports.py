@@ -42,9 +42,9 @@ def words_of(text: str) -> list[int]:
 class Port:
     """A run with an SNP master whose only device has a protocol of its own."""
 
-    def __init__(self, folder: Path, protocol: str, device: str = "") -> None:
+    def __init__(self, folder: Path, protocol: str) -> None:
         (folder / "other.yaml").write_text(protocol, encoding="utf-8")
-        (folder / "there.device.yaml").write_text(f"device: there\nprotocol: other.yaml\n{device}", encoding="utf-8")
+        (folder / "there.device.yaml").write_text("device: there\nprotocol: other.yaml\n", encoding="utf-8")
         (folder / "port.run.yaml").write_text(RUN.format(protocol="snp", settings=""), encoding="utf-8")
         self.clock = VirtualClock()
         self.service = RunService(load_run(folder / "port.run.yaml"), self.clock)
@@ -92,3 +92,28 @@ def test_the_next_session_has_the_settings_of_port_setup(tmp_path: Path) -> None
     assert world.do(*setup) == 1
     assert world.do(*attach) == 1 and world.do(*read) == 1
     assert world.own("R", 100, 2) == [341, 22]
+
+
+def test_port_setup_of_a_slave_holds_at_once_and_after_each_session(tmp_path: Path) -> None:
+    lines: list[str] = []
+
+    def note(channel: int, seen: Seen) -> None:
+        lines.extend([seen.reason] if seen.kind == "line" else [])
+
+    world = CommandWorld(tmp_path, "snp", "role: master\nstation: SNPID1\n", ", role: slave, own: OLDID", note)
+    setup = [0xFFF0, 1, 0, 5, 2, 1, 0, 3, 1, 0, 0, 1]  # slave, 9600 bits a second, even parity, no time-outs
+    assert world.do(*setup) == 1
+    assert lines == ["9600 8E1"]
+    scope = world.service.channels[1].engine.scope
+    assert (scope["own_t2"], scope["own_t3p"], scope["cpu_id"]) == (0, 0, "OLDID")
+    assert world.do(*setup, *text_words("NEWID1")) == 1
+    assert scope["cpu_id"] == "NEWID1"
+    setup[2] = 1
+    assert world.do(*setup) == 0x0513, "the channel is a slave"
+
+
+def test_autodial_on_a_port_that_is_lost(tmp_path: Path) -> None:
+    port = Port(tmp_path, MODEM % ("OK", False))
+    driver = port.service.channels[1].driver
+    port.clock.call_at(port.clock.now() + 10 * SECOND, lambda: driver.closed(port.clock.now(), "pulled"))
+    assert port.do(*words_of("ATDT2345678\r")) == 0x040E

@@ -321,4 +321,4 @@ def test_wrong_port_setups(world: CommandWorld, place: int, value: int, code: in
 
 
 def test_a_port_setup_of_another_length(world: CommandWorld) -> None:
-    assert world.do(*PORT_SETUP[:8]) == 0x0C0C
+    assert world.do(*PORT_SETUP[:8]) == 0x0313

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import pytest
-from command_world import CommandWorld, text_words
+from command_world import SECOND, CommandWorld, text_words
+from transfer_world import TransferWorld
 
 DEVICE = """station: 41 42 43 44 45 46 00 00
 memory: {set: {R1: [0x0155, 22, 33, 44], I1: [1, 0, 1, 1, 0, 0, 1, 0, 1, 1]}}
@@ -136,3 +138,86 @@ def test_the_address_of_the_x_status_bits_of_the_own_slave(tmp_path: Path) -> No
 
 def test_a_master_has_no_x_status_bits(world: CommandWorld) -> None:
     assert world.do(7003, 76, 9) == 0x020C
+
+
+def test_ids_that_no_slave_can_have(world: CommandWorld) -> None:
+    assert world.do(7101, 0x4241, 0x0143, 0, 0, 0, R, 1, 1, R, 100) == 0x1E0C, "no letter"
+    assert world.do(7102, *text_words("ABCDEFGH"), 0, R, 1, 1, R, 100) == 0x1E0C, "eight letters"
+
+
+def test_change_snp_id_of_the_own_slave(tmp_path: Path) -> None:
+    world = CommandWorld(tmp_path, "snp-x", "station: OTHER\n", ", role: slave, own: OLDID")
+    assert world.do(7002, *text_words("NEWID1")) == 1
+    assert world.service.channels[1].engine.scope["own_id"] == b"NEWID1\0\0"
+    assert world.do(7002, 0x4241, 0x0143, 0, 0) == 0x360C
+    assert world.do(7101, *ID, 0, R, 1, 1, R, 100) == 0x020C, "a slave asks nobody"
+
+
+class Slave:
+    """A master and a slave of SNP-X on a virtual line; `device` is the state of the slave."""
+
+    def __init__(self) -> None:
+        self.world = TransferWorld("snp-x", "master", "slave", server_own=b"ABCDEF\0\0", station=b"ABCDEF\0\0")
+        self.device = self.world.server.scope
+
+    def read(self, address: str, count: int = 1) -> int | None:
+        client, station = self.world.client, self.world.station
+        return self.world.do(lambda **keys: client.read(address, count=count, station=station, **keys)).code
+
+    def hears(self, *messages: str) -> list[int]:
+        """Give the slave messages after a break; return its status word, good, errors, aborts and breaks."""
+        driver, engine = self.world.drivers[0], self.world.server
+        driver.do(lambda now: engine.line_break(now))
+        for data in map(bytes.fromhex, messages):
+            driver.do(partial(engine.receive, data))
+            self.world.clock.run_for(SECOND)
+        return [self.device[name] for name in ("last_status", "good_count", "error_count", "abort_count", "breaks")]
+
+
+ATTACH = "1B 58 41 42 43 44 45 46 00 00 00 00 00 00 00 00 00 00 17 00 00 00 00 B2"
+READ = "1B 58 41 42 43 44 45 46 00 00 01 08 00 00 04 00 00 00 17 00 00 00 00 1A"
+WRITE = "1B 58 00 00 00 00 00 00 00 00 02 08 63 00 0A 00 00 00 17 54 1C 00 00 13"
+
+
+def test_a_slave_counts_what_its_diagnostic_status_words_show() -> None:
+    slave = Slave()
+    assert slave.read("%R1", 4) is None
+    beyond = "1B 58 41 42 43 44 45 46 00 00 01 08 FF FF 04 00 00 00 17 00 00 00 00 1A"
+    assert slave.hears(ATTACH, READ, beyond) == [0x040F, 2, 1, 0, 2]
+
+
+@pytest.mark.parametrize(
+    ("messages", "status", "aborts"),
+    [
+        ([ATTACH[:-2] + "00"], 0x520F, 0),
+        ([READ], 0x550F, 0),
+        ([ATTACH, READ[:-2] + "00"], 0x620F, 1),
+        ([ATTACH, WRITE, "1B 54" + " 00" * 20 + " 17 00 00 00 00 00"], 0x720F, 1),
+        ([ATTACH, WRITE, READ], 0x220F, 1),
+    ],
+)
+def test_status_words_of_a_slave_that_travel_in_no_message(messages: list[str], status: int, aborts: int) -> None:
+    assert Slave().hears(*messages) == [status, 0, 0, aborts, 1]
+
+
+def test_a_missing_buffer_and_a_break_in_its_place() -> None:
+    slave = Slave()
+    slave.hears(ATTACH, WRITE)
+    assert slave.hears() == [0x410F, 0, 0, 1, 2]
+    slave.hears(ATTACH, WRITE)
+    slave.world.clock.run_for(30 * SECOND)
+    assert (slave.device["last_status"], slave.device["abort_count"]) == (0x730F, 2)
+
+
+@pytest.mark.parametrize(
+    ("message", "code"),
+    [
+        ("1B 58 41 42 43 44 45 46 00 00 01 4C 01 00 40 1F 00 00 17 00 00 00 00 C1", 0x080F),
+        ("1B 58 41 42 43 44 45 46 00 00 01 4C 00 00 41 1F 00 00 17 00 00 00 00 CB", 0x050F),
+        ("1B 58 41 42 43 44 45 46 00 00 01 16 00 00 E9 03 00 00 17 00 00 00 00 23", 0x050F),
+        ("1B 58 41 42 43 44 45 46 00 00 01 08 00 00 F5 01 00 00 17 00 00 00 00 F8", 0x050F),
+    ],
+)
+def test_reads_that_are_too_long(message: str, code: int) -> None:
+    """8,000 points from the second of a byte on fill 1,001 bytes: the length is right, the response too long."""
+    assert Slave().hears(ATTACH, message) == [code, 0, 1, 0, 1]

@@ -235,3 +235,69 @@ def test_a_slave_that_prepares_for_long_keeps_the_link_alive() -> None:
     assert slave.call("short_status").ok
     slave = Slave(preparation=25 * SECOND, privilege=0)
     assert slave.call("short_status").outcome == "link_idle"
+
+
+def counts(slave: Slave) -> list[int]:
+    """Return the slave's diagnostic status words after the last ACK: status, good, errors, aborts, breaks."""
+    slave.world.clock.run_for(SECOND // 10)
+    return [slave.device[name] for name in ("last_status", "good_count", "error_count", "abort_count", "breaks")]
+
+
+def test_a_slave_counts_what_its_diagnostic_status_words_show() -> None:
+    slave = Slave(privilege=0)
+    assert slave.read("%R1").ok
+    assert counts(slave) == [0, 1, 0, 0, 1]
+    assert slave.call("set_state", state=0).code == 0x0202
+    assert counts(slave) == [0x0202, 1, 1, 0, 1]
+    assert slave.call("update_datagram", id=9).code == 0x05DD
+    assert counts(slave) == [0xDD05, 1, 2, 0, 1], "the minor code is in the high byte"
+    slave.world.clock.run_for(30 * SECOND)
+    assert slave.read("%R1").ok
+    assert counts(slave)[1:4] == [2, 2, 0], "a break between sessions is no abort"
+
+
+def test_a_slave_counts_a_request_that_a_break_aborts() -> None:
+    slave = Slave(preparation=2 * SECOND)
+    slave.ok("short_status")
+    before = counts(slave)
+    world, results = slave.world, []
+    world.drivers[1].do(
+        lambda now: world.client.call("short_status", {}, station=STATION, now=now, on_done=results.append).commands
+    )
+    world.clock.run_for(SECOND)
+    world.drivers[0].do(lambda now: world.server.line_break(now))
+    after = counts(slave)
+    assert after[0] == 0x330C and after[3] == before[3] + 1 and after[4] == before[4] + 1
+
+
+def test_the_port_of_a_cmm_stays_at_level_2_and_takes_any_password() -> None:
+    slave = Slave(cmm_port=True, privilege=0, login=False)
+    slave.device.set_entry("passwords", 2, "SECRET")
+    assert slave.ok("change_level", level=4, password="WRONG") == {"level": 2}
+    assert slave.ok("change_level", level=0)["level"] == 2
+    assert slave.read("%R1").ok and slave.ok("toggle", memory="M", point=1) == {}
+
+
+@pytest.mark.parametrize(
+    ("service", "arguments", "code"),
+    [
+        ("logon", {}, 0x0D40),
+        ("set_id", {"id": "A1"}, 0x0D40),
+        ("set_state", {"state": 2}, 0x0D40),
+        ("clear_plc_faults", {}, 0x0D40),
+        ("program_load", {}, 0x0D40),
+        ("toggle", {"memory": "M.force", "point": 1}, 0x0D40),
+        ("define_datagram", {"id": 1, "points": [point(8, 0, 1)] * 33}, 0x0D43),
+    ],
+)
+def test_what_the_port_of_a_cmm_refuses(service: str, arguments: dict[str, Any], code: int) -> None:
+    slave = Slave(cmm_port=True, privilege=0)
+    slave.ok("establish", area_size=250)
+    assert slave.call(service, **arguments).code == code
+
+
+def test_the_port_of_a_cmm_gives_2048_bytes_at_once() -> None:
+    assert Slave(cmm_port=True, privilege=0).read("%R1", 1024).ok
+    slave = Slave(cmm_port=True, privilege=0, max_bytes=4096)
+    assert slave.read("%R1", 1025).code == 0x0D42
+    assert slave.read("%M1", 2048 * 8 + 1).code == 0x0D42
