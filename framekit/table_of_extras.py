@@ -100,6 +100,7 @@ EXTRAS: dict[str, Extra] = {
             }
         }
     ),
+    "batch": Extra(options={"decode_many": "batch.batch:BatchDecoder"}),
     "archive": Extra(
         options={
             "decode --to": "archive.command:write_archive",

@@ -11,7 +11,6 @@ from construct_oracle import ConstructCodec, compile_construct
 from link_world import feed
 
 from framekit.codec.ambiguity import check_matrices
-from framekit.codec.batch import BatchDecoder
 from framekit.codec.codec import Builders, Codec, compile_protocol
 from framekit.codec.columns import Cut
 from framekit.codec.errors import EncodeError, FrameError
@@ -20,6 +19,7 @@ from framekit.definition.model.frames import parts_of
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.segments import Field, Inner
 from framekit.definition.times import LineFormat
+from framekit.extras.batch.batch import BatchDecoder
 from framekit.link.receiver import Receiver
 from framekit.link.scope import Scope
 

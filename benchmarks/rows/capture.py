@@ -16,10 +16,10 @@ from benchmarks.cases import codec_of
 from benchmarks.measure import compare_once
 from benchmarks.row import Row, Target, faster, slower
 from framekit.cli.main import main
-from framekit.codec.batch import BatchDecoder
 from framekit.codec.codec import Codec
 from framekit.codec.columns import Cut
 from framekit.codec.errors import FrameError
+from framekit.extras.batch.batch import BatchDecoder
 from framekit.service.capture import GLOBAL_HEADER, CaptureReader, PcapRecords, cut_of_capture
 from framekit.transport.port import LineEvent
 

@@ -140,10 +140,11 @@ class Protocol:
         return self._decode_cut(cut_of_capture(Path(path), direction), frame)
 
     def _decode_cut(self, cut: Cut, frame: str) -> Batch:
-        from framekit.codec.batch import BatchDecoder
+        from framekit.table_of_extras import OPTIONS, load
 
         self._known(frame, self.definition.frames)
-        return BatchDecoder(self._codec, frame, self._scope).decode(cut)
+        batch: Batch = load(OPTIONS["decode_many"])(self._codec, frame, self._scope).decode(cut)
+        return batch
 
     def why_not(self, data: bytes) -> str:
         """Return the reason why bytes are no frame, in words; '' if they are one."""

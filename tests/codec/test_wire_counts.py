@@ -13,13 +13,13 @@ from construct_oracle import compile_construct
 from definition_trial import Trial
 from link_world import receiver_of
 
-from framekit.codec.batch import BatchDecoder
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.codec.columns import Cut
 from framekit.codec.construct import CompiledFrame
 from framekit.codec.errors import EncodeError, FrameError
 from framekit.codec.python.measure import MOST
 from framekit.definition.load.protocol import load_protocol_text
+from framekit.extras.batch.batch import BatchDecoder
 
 MANY = 1 << 22
 ROOM = MANY

@@ -7,9 +7,8 @@ from typing import Any
 
 import yaml
 from docs.pages import EXAMPLES, GUIDE, excerpt_of, snippets
+from reference_page import PagePart, Reference, Schema
 from segment_cases import SECTIONS
-
-from framekit.runfile.reference_page import PagePart, Reference, Schema
 
 Key = tuple[str, str]
 """A part of the reference page and a key of it."""

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import re
-import sys
 from html import unescape
 
+import cli_page
+import pictures
 import pytest
 from docs.pages import PAGES, ROOT
 
 from framekit.cli.verb_table import VERBS
-
-sys.path.insert(0, str(ROOT / "tools"))
-import cli_page
-import pictures
 
 
 def test_the_pages_have_the_options_of_the_parser() -> None:

@@ -8,12 +8,12 @@ import pytest
 import yaml
 from docs.example_keys import Used, examples
 from docs.pages import CHECKLISTS, DOCS, EXAMPLES, GUIDE, PAGES, ROOT, anchors, links, sentences, snippets
+from reference_page import Reference
 
 from framekit.cli.main import main
 from framekit.definition.keys import properties_of
 from framekit.definition.sources import shipped_folder
 from framekit.run.behaviours import BEHAVIOURS, Behaviour
-from framekit.runfile.reference_page import Reference
 from framekit.runfile.schema_files import read_files
 
 MOST_WORDS = 25

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from docs.pages import DOCS
+from reference_page import GUIDE, Reference
 
 from framekit.definition.sources import shipped_folder
-from framekit.runfile.reference_page import GUIDE, Reference
 from framekit.runfile.schema_files import read_files
 
 REFERENCE = Reference(read_files(shipped_folder("schemas")))
@@ -14,7 +14,7 @@ REFERENCE = Reference(read_files(shipped_folder("schemas")))
 def test_the_pages_are_up_to_date() -> None:
     stored = [DOCS / "reference.md", *(DOCS / "reference").glob("*.md")]
     pages = {str(page.relative_to(DOCS)): page.read_text("utf-8") for page in stored}
-    assert pages == REFERENCE.pages(), "run python -m framekit.runfile.reference_page"
+    assert pages == REFERENCE.pages(), "run python tools/reference_page.py"
 
 
 def test_every_part_is_on_one_page() -> None:

@@ -33,10 +33,10 @@ from framekit.definition.load.protocol import load_protocol
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.problems import DefinitionError, library_missing
 from framekit.definition.times import LineFormat
+from framekit.extras.archive.overheard import KnownValue, Overheard
 from framekit.link.events import Seen
 from framekit.link.frame_table import table_of
 from framekit.link.scope import Scope
-from framekit.link.services.overheard import KnownValue, Overheard
 from framekit.link.values import CODEC_ERRORS, Names
 from framekit.run.points import iso_time
 from framekit.runfile.devices import load_devices

@@ -18,6 +18,7 @@ from framekit.codec.shown import explain
 from framekit.definition.model.frames import expressions_of
 from framekit.definition.model.protocol import Protocol
 from framekit.definition.times import NEVER
+from framekit.extras.commreq.status_bits import StatusImage
 from framekit.link.addresses import Address
 from framekit.link.services.work import CompiledBlock, CompiledJob, CompiledPlace
 from framekit.link.values import EVALUATION_ERRORS, Names, compile_expression
@@ -37,7 +38,6 @@ from framekit.run.model import (
     OwnPlace,
 )
 from framekit.run.status import IrregularEvent, JobCounters, JobStatus, TableCounters
-from framekit.run.status_bits import StatusImage
 
 
 class JobState(Enum):

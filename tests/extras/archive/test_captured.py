@@ -15,9 +15,9 @@ from framekit.cli.main import main
 from framekit.codec.codec import compile_protocol
 from framekit.definition.load.protocol import load_protocol
 from framekit.extras.archive.archive import captured_values
+from framekit.extras.archive.overheard import KnownValue, Overheard
 from framekit.link.frame_table import table_of
 from framekit.link.scope import Scope
-from framekit.link.services.overheard import KnownValue, Overheard
 from framekit.link.values import Names
 from framekit.runfile.devices import load_devices
 

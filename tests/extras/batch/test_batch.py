@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 
 import framekit
-from framekit.codec import batch as batches
 from framekit.codec.codec import compile_protocol
 from framekit.codec.columns import Cut
 from framekit.codec.errors import FrameError
 from framekit.definition.load.protocol import load_protocol
+from framekit.extras.batch import batch as batches
 from framekit.service.capture import Capture, CaptureError, cut_of_capture
 from framekit.transport.clock import VirtualClock
 from framekit.transport.port import LineEvent

@@ -1,0 +1,1 @@
+"""Decode many frames of one length together, in columns of NumPy."""
