@@ -24,7 +24,7 @@ from functools import partial
 from typing import Any, ClassVar, NamedTuple
 
 from framekit.definition.expression import Expression
-from framekit.definition.keys import IDENTIFIER, NUMBER, Form, KeyReading, key, kind_schema, ref, words
+from framekit.definition.keys import IDENTIFIER, NUMBER, TEXT, Form, KeyReading, key, kind_schema, ref, words
 from framekit.definition.model.services import UNIT_BITS
 from framekit.definition.nodes import Node
 from framekit.definition.problems import Position
@@ -142,6 +142,7 @@ class Behaviour(ABC):
         "its words; ABCD high word first; default CDAB, low word first.", default=None)  # fmt: skip
     scale: float = key("scale", AMOUNT, "The value is the number that stands there times this, exactly.", default=1)
     offset: float = key("offset", AMOUNT, "Added to it.", default=0)
+    unit: str = key("unit", TEXT, "In what it is measured, for people: °C, kWh.", default="")
     every: int = key("every", PERIOD, "How often it is worked out; default 1 s.", default=SECOND)
     """The period of the computation (ns)."""
     after: int = key("after", DELAY, "It begins so long after the start; default: at once.", default=0)

@@ -46,7 +46,7 @@ from framekit.run.points import unscaled
 from framekit.runfile.points import PointsLoader
 from framekit.sinks.sqlite import HistoryError, read_history
 
-_OF_THE_PLACE = ("type", "order", "scale", "offset")
+_OF_THE_PLACE = ("type", "order", "scale", "offset", "unit")
 """Keys that describe the value at an address, with the same meaning as in a point."""
 _OPERATORS = (Number, Real, Name, Unary, Binary, Compare, Logic, Conditional)
 _FUNCTIONS = ("min", "max", "abs", "bit")

@@ -40,6 +40,7 @@ from framekit.service.channel import (
 from framekit.service.client import ClientService
 from framekit.service.device import DeviceService
 from framekit.service.line_delays import LineDelays
+from framekit.service.order_doubts import NAME as ORDER_DOUBTS
 from framekit.service.order_doubts import OrderDoubts
 from framekit.service.points import PointService
 from framekit.service.run_jobs import ResolveHost, RunJobs, jobs_at_work
@@ -588,8 +589,8 @@ class RunService(ChannelOwner):
         """Return the parts that fail now or have lost data: a state that cannot be written, sinks that take no
         values. Of many parts the first are listed, and the others are one line.
         """
-        of_lines = self.delays.names | self.values.names
-        return listed_troubles([trouble for trouble in self.troubles.present() if trouble.name not in of_lines])
+        of_values = self.delays.names | self.values.names | {ORDER_DOUBTS}
+        return listed_troubles([trouble for trouble in self.troubles.present() if trouble.name not in of_values])
 
     @property
     def never_open(self) -> list[str]:

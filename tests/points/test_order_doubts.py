@@ -20,6 +20,7 @@ def doubts_after(folder: Path, points: str, values: str, time: str = "3 s") -> l
     run.run_for(time)
     assert {value.quality for value in run.points.now()} == {"good"}
     found = [str(trouble) for trouble in run.status().troubles]
+    assert run.problems == []  # a doubt is no failure of the run
     run.stop()
     return found
 

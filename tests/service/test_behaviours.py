@@ -209,7 +209,7 @@ behave:
     assert (world.read("40001"), world.read("40002", "float32")) == (20, 2.0)
     assert sorted(world.troubles) == [
         "the behaviour of 40001: integer division or modulo by zero",
-        "the behaviour of 40002: inf is no number",
+        "the behaviour of 40002: the number is infinite",
         "the behaviour of 40006: division by zero",
     ]
 

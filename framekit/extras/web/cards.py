@@ -100,16 +100,27 @@ class DeviceCards:
         self, count: int, about: str, stores: Iterable[DeviceStore], line_errors: Mapping[str, int], now: int
     ) -> list[Card]:
         """Return the cards at a time. `line_errors`: faults on the line, in addition to refused requests."""
-        reasons, done = Counter(line_errors), 0
+        reasons, done, stores = Counter(line_errors), 0, list(stores)
         for store in stores:
             done += store.counters.done
             reasons.update(store.counters.reasons(store.device.protocol))
         self._errors.read(now, reasons.total())
         return [
-            Card("Device" if count == 1 else "Devices", str(count), about, "good"),
+            _devices(count, about, stores),
             exchange_card("Requests", self._requests.read(now, done), done),
             error_card(reasons.total(), reasons, self._errors.has_increased_within(now, ERRORS_OVER)),
         ]
+
+
+def _devices(count: int, about: str, stores: Sequence[DeviceStore]) -> Card:
+    """Return the card of the devices: the station of a single device, or how many."""
+    if count != 1:
+        return Card("Devices", str(count), about, "good")
+    device = stores[0].device
+    protocol = device.protocol.name
+    if not device.station:
+        return Card("Device", protocol, about, "good")
+    return Card("Device", f"Station {device.station}", f"{protocol} · {about}", "good")
 
 
 def in_words(reason: str) -> str:

@@ -222,7 +222,7 @@ def behaviour_text(behaviour: Behaviour) -> str:
         value = getattr(behaviour, one.name)
         if (
             "key" not in one.metadata
-            or one.name in ("name", "type", "order", "scale", "offset")
+            or one.name in ("name", "type", "order", "scale", "offset", "unit")
             or value == one.default
         ):
             continue

@@ -106,6 +106,34 @@ def test_points_are_filtered_grouped_and_drawn(tmp_path: Path) -> None:
         page.until(lambda: "uPlot 1.6.31" in page.text("#foot"))
 
 
+DOUBTFUL = """  flue: {channel: 1, address: "40011", type: float32}
+  heat: {channel: 1, address: "40013", type: float32, unit: kW}
+"""
+NUMBERS = '"40002": [2, 5], "40011": [0, 0x7FC0], "40013": [0x42F6, 0xE979]'
+"""Not a number, and 123.456 with the high word first."""
+
+
+@needs_chromium
+@pytest.mark.long
+def test_bad_and_doubtful_points_are_seen_at_the_top(tmp_path: Path) -> None:
+    run = WORLD.replace("blocks:\n", f"{DOUBTFUL}blocks:\n")
+    path = written(tmp_path, run, METER.replace('"40002": [2, 5]', NUMBERS))
+    says = ("channel 1: not a number", "order of words: heat")
+    with browser() as page, program(tmp_path, "run", str(path), trouble=says, status=0) as (url, _):
+        page.open(url)
+        page.until(
+            lambda: "heat reads -1.8833671e+25 kW, with order: ABCD it would be 123.456 kW" in page.text("#notices")
+        )
+        page.until(lambda: "not a number (NaN)" in page.text("#notices"))
+        page.until(lambda: page.text("#wrong") == "1 not good")
+        page.click("#wrong")
+        page.until(lambda: [row[1] for row in page.rows("points")] == ["flue"])
+        assert value(page, "flue") == "–"
+        page.click("#wrong")
+        page.until(lambda: len(page.rows("points")) == 5)
+        assert page.run("return document.querySelector('#frame').hidden")
+
+
 WIDE = """run: wide
 channels:
   1: {port: "sim:meter.device.yaml", protocol: modbus-tcp, station: 1}

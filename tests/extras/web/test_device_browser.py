@@ -28,6 +28,8 @@ def test_values_of_a_device_are_shown_and_set(tmp_path: Path) -> None:
         page.until(lambda: value(page, "setpoint") == "180.0")
         assert {row[2] for row in page.rows("devices")} == {"modbus-tcp"}
         behaviours = {row[1]: row[6] for row in page.rows("points")}
+        assert {row[1]: row[3] for row in page.rows("points")}["supply"] == "V"
+        page.until(lambda: page.text("#cards b") == "Station 1")
         assert behaviours["supply"] == "random walk 220..240, start 230, step 0.5"
         page.press("points", "setpoint")
         page.until(lambda: page.run("return document.querySelector('#lock').open"))
@@ -78,8 +80,7 @@ def test_a_fault_is_switched_on_and_off(tmp_path: Path) -> None:
     device = "tcp://127.0.0.1:{}"
     with browser() as page, program(tmp_path, "serve", OVEN, "--port", device.format(0)) as (url, token):
         page.open(f"{url}#token={token}")
-        page.until(lambda: page.text("#cards p").startswith("tcp://"))
-        port = page.text("#cards p")
+        port = page.until(lambda: page.text("#cards p").removeprefix("modbus-tcp · "))
         (tmp_path / "asks.run.yaml").write_text(run.replace("PORT", port), "utf-8")
         with program(tmp_path, "run", "asks.run.yaml"):
             page.until(lambda: any(row[6] == "read_holding" for row in page.rows("frames")))

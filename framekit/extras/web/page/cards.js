@@ -1,5 +1,5 @@
 // The cards at the head of a page: value, sentence, and a colour for what is not as it should be.
-import { MINUTE, sparkline } from "./draw.js";
+import { FEWEST, MINUTE, sparkline } from "./draw.js";
 import { element } from "./parts.js";
 import { onTheme } from "./shell.js";
 
@@ -41,7 +41,7 @@ export class Cards {
 
   paint() {
     for (const { canvas, numbers } of this.cards) {
-      canvas.hidden = numbers.length < 3;
+      canvas.hidden = numbers.length < 3 * FEWEST;
       if (!canvas.hidden) sparkline(canvas, numbers, [0, Math.max(1e-3, ...numbers) * 1.1]);
     }
   }

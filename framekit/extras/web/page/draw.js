@@ -1,7 +1,7 @@
 // Drawings of numbers over time on a canvas, in the colours of the stylesheet.
 import { element } from "./parts.js";
 
-export const MINUTE = 60;
+export const MINUTE = 60, FEWEST = 5;
 const inks = new Map();
 let probe = null;
 
@@ -17,7 +17,13 @@ export const forgetInks = () => inks.clear();
 export function bounds(numbers) {
   let low = Infinity, high = -Infinity;
   for (const number of numbers) if (number !== null) { low = Math.min(low, number); high = Math.max(high, number); }
-  return low > high ? null : low === high ? [low - 1, high + 1] : [low, high];
+  return low > high ? null : low === high ? around(low) : [low, high];
+}
+
+// Limits around a single number, of any size.
+export function around(number) {
+  const margin = Math.max(1, Math.abs(number) / 100);
+  return [number - margin, number + margin];
 }
 
 function trace(pen, xs, numbers, [low, high], height) {
@@ -33,12 +39,13 @@ function trace(pen, xs, numbers, [low, high], height) {
   pen.stroke();
 }
 
-// The last minute, a number a second, right-aligned.
+// The last minute, a number a second, right-aligned; a few numbers are no course yet. A number that stays is a quiet line.
 export function sparkline(canvas, numbers, range = bounds(numbers)) {
   const pen = canvas.getContext("2d");
   pen.clearRect(0, 0, canvas.width, canvas.height);
-  if (!range) return;
-  pen.strokeStyle = ink("--accent");
+  if (!range || numbers.length < FEWEST) return;
+  const known = numbers.filter(number => number !== null), stays = known.every(number => number === known[0]);
+  pen.strokeStyle = ink(stays ? "--edge" : "--accent");
   pen.lineWidth = canvas.height / 16;
   const step = canvas.width / MINUTE, start = canvas.width - step * numbers.length;
   trace(pen, at => start + at * step, numbers, range, canvas.height);

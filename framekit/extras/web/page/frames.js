@@ -13,7 +13,7 @@ export class Frames {
     this.paused = false;
     const columns = [
       { title: "No.", look: "right muted" }, { title: "Time (s)", look: "right" }, { title: "Ch.", look: "right" }, { title: "", look: "way" },
-      { title: "Size", look: "right muted" }, { title: "Frame", look: "strong mark", widest: 24 }, { title: "Fields", look: "muted" },
+      { title: "Size", look: "right muted" }, { title: "Frame", look: "strong mark", widest: 24 }, { title: "Fields", look: "muted rest" },
     ];
     const picked = key => this.live.say({ frame: Number(key) });
     const empty = () => at("frame-filter").value || at("bad").checked ? "No frame fits the filter" : "No frames yet";
@@ -47,12 +47,14 @@ export class Frames {
       this.rows.push({ key: no, state: name.startsWith("! ") ? "bad" : "", cells: [no, time, channel, way, size, name, fields] });
     this.rows.splice(0, this.rows.length - KEPT);
     const [good, bad, noise] = what.counts, more = what.missed ? ` · ${count(what.missed)} more than are shown` : "";
-    at("frames").querySelector(".count").textContent = `${count(good)} good · ${count(bad)} bad · ${count(noise)} noise${more}`;
+    const hint = at("frame").hidden && this.rows.length ? " · Choose a frame to see its bytes" : "";
+    at("frames").querySelector(".count").textContent = `${count(good)} good · ${count(bad)} bad · ${count(noise)} noise${more}${hint}`;
     this.grid.rows = this.rows;
     changed(this.grid);
   }
 
   takeFields(what) {
+    at("frame").hidden = false;
     const inside = what.frame && what.frame !== what.what ? ` in ${what.frame}` : "";
     const bytes = what.bytes ?? "", name = `${what.what}${inside} · no. ${what.fields} · ${many(bytes.length / 2, "byte")}`;
     fieldView(at("frame"), what.gone ? `Frame ${what.fields} is no longer kept` : name, bytes, what.rows ?? [], what.fault);

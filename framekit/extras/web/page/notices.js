@@ -32,7 +32,9 @@ function draw() {
     const line = document.createElement("li"), pill = element("span", line);
     pill.className = `pill ${ended === null ? "bad" : "good"}`;
     pill.textContent = ended === null ? "Now" : "Over";
-    element("b", line).textContent = first(text);
+    const [cause, ...more] = text.split(" – "), sentence = element("p", line);
+    element("b", sentence).textContent = first(cause);
+    if (more.length) element("span", sentence).textContent = ` – ${more.join(" – ")}`;
     element("time", line).textContent = ended === null ? `since ${clock(began)}` : `${clock(began)} – ${clock(ended)}`;
     return line;
   }));

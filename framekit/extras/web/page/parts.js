@@ -7,7 +7,7 @@ const KINDS = { spark: "14ch", button: "9ch" };
 
 export class Grid {
   // `columns`: {title, look, kind, name, widest} of each; kind "spark" draws the numbers of a row, kind "button" has a
-  // button. `name`: the column can be hidden; `widest`: the most characters that widen it.
+  // button; a look with "rest": the column has the rest of the width. `name`: the column can be hidden; `widest`: the most characters that widen it.
   // Rows: {key, state, cells, numbers, drawn, group}; a row with `group` is a head of the rows below it.
   // `picked(key)`: a row was chosen. `marked(key)`: the number of its colour, or -1. `button`: {text, shown, pressed}.
   // `follows`: the table stays at its last row, until the user scrolls away from there. `empty()`: the words in place of
@@ -46,7 +46,8 @@ export class Grid {
 
   measure(cells) {
     cells.forEach((text, at) => {
-      const { widest = at === cells.length - 1 ? WIDEST_LAST : WIDEST } = this.columns[this.texts[at]];
+      const { look, widest = at === cells.length - 1 ? WIDEST_LAST : WIDEST } = this.columns[this.texts[at]];
+      if (look?.includes("rest")) return;
       const length = Math.min(widest, text.length);
       if (length > (this.widths[at] ?? -1)) {
         this.widths[at] = length;

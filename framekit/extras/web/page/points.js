@@ -5,7 +5,7 @@ import { at, onTheme } from "./shell.js";
 import { age, value } from "./words.js";
 import { ask } from "./actions.js";
 
-const MOST_ASKED = 64, WIDEST_QUALITY = 16;
+const MOST_ASKED = 64, WIDEST_QUALITY = 16, ROW = 31, LOWEST = 361, HIGHEST = 560;
 
 export class Points {
   // `live`: the connection; `picked(key)`: a point was chosen; `marked(key)`: the number of its colour, or -1.
@@ -14,7 +14,7 @@ export class Points {
     Object.assign(this, { live, behaves, list: [] });
     const past = { title: "Last minute", kind: "spark" }, write = { title: "", kind: "button" };
     const columns = [
-      { title: behaves ? "Value of" : "Point", look: "strong" }, { title: "Value", look: "right" },
+      { title: behaves ? "Name" : "Point", look: "strong" }, { title: "Value", look: "right" },
       { title: "Unit", look: "muted unit", name: "unit" },
       ...(behaves ? [past, write, { title: "Behaviour", look: "muted" }]
         : [{ title: "Quality", look: "quality", widest: WIDEST_QUALITY }, { title: "Age", look: "right muted" }, past, write]),
@@ -24,6 +24,7 @@ export class Points {
     this.grid = new Grid(at("points").querySelector(".grid"), columns, { picked, marked, button, empty });
     at("point-filter").addEventListener("input", () => this.arrange());
     at("group").addEventListener("change", () => this.arrange());
+    at("wrong").addEventListener("click", () => { at("group").value = at("group").value === "!" ? "" : "!"; this.arrange(); });
     onTheme(() => { for (const point of this.list) point.drawn = false; changed(this.grid); });
   }
 
@@ -53,8 +54,18 @@ export class Points {
       const state = this.behaves ? [point.behaviour] : [reason ? `${quality}, ${reason}` : quality, point.cells[4]];
       point.cells = [point.name, value(text, number), point.unit, ...state];
     }
+    this.warn();
     if (at("group").value === "!") this.arrange();
     else changed(this.grid);
+  }
+
+  // How many are not good, at the head of the table: their rows may be below the others. A click shows them alone.
+  warn() {
+    const wrong = this.behaves ? [] : this.list.filter(point => point.state && point.text !== undefined);
+    at("wrong").hidden = !wrong.length;
+    at("wrong").textContent = `${wrong.length} not good`;
+    at("wrong").className = `pill ${wrong.some(point => point.state === "failed") ? "bad" : "warn"}`;
+    at("wrong").setAttribute("aria-pressed", String(at("group").value === "!"));
   }
 
   arrange() {
@@ -66,6 +77,9 @@ export class Points {
       const members = chosen.filter(point => point.of === name);
       return members.length ? [{ key: `group ${name}`, state: "", group: true, cells: [name] }, ...members] : [];
     });
+    const high = Math.min(HIGHEST, Math.max(LOWEST, ROW * (this.grid.rows.length + 1) + 1));
+    if (!wanted && !group) this.grid.place.style.flexBasis = `${high}px`;
+    this.warn();
     at("points").querySelector(".count").textContent = wanted || group ? `${chosen.length} of ${this.list.length}` : "";
     changed(this.grid);
   }

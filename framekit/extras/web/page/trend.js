@@ -1,6 +1,6 @@
 // The course of chosen points: a lane for each unit, and for each point without a unit; one time axis. The last minutes
 // come from memory and go on; longer spans come from the history of the run.
-import { ink } from "./draw.js";
+import { around, ink } from "./draw.js";
 import { element } from "./parts.js";
 import { at, onTheme } from "./shell.js";
 import { count, value } from "./words.js";
@@ -105,7 +105,9 @@ export class Trend {
     const hint = !window.uPlot ? missing : this.chosen.length ? "" : "Choose points in the table to see their course";
     if (hint) Object.assign(element("p", at("lanes")), { className: "empty", textContent: hint });
     if (hint || !this.data) return;
-    const lanes = Map.groupBy(this.chosen, key => this.points.list[key].unit || key), high = (HIGH - AXIS) / lanes.size;
+    const lanes = Map.groupBy(this.chosen, key => this.points.list[key].unit || key);
+    this.high = at("lanes").clientHeight || HIGH;
+    const high = (this.high - AXIS) / lanes.size;
     for (const keys of lanes.values()) this.lanes.push(this.lane(this.points.list[keys[0]].unit, keys, high, this.lanes.length === lanes.size - 1));
     this.follow();
     queueMicrotask(() => this.follow());  // a new chart clears its values once
@@ -195,6 +197,7 @@ export class Trend {
   }
 
   fit() {
+    if (this.lanes.length && this.high !== at("lanes").clientHeight) { this.draw(); return; }
     this.lanes.forEach(({ plot }) => plot.setSize({ width: at("lanes").clientWidth, height: plot.height }));
   }
 }
@@ -206,5 +209,5 @@ const short = word => String(word).length > LONGEST_WORD ? `${String(word).slice
 function limits(low, high, codes) {
   if (codes.length) return [Math.min(...codes, low ?? Infinity) - 0.2, Math.max(...codes, high ?? -Infinity) + 0.2];
   if (low === null) return [0, 1];
-  return low === high ? [low - 1, high + 1] : window.uPlot.rangeNum(low, high, 0.1, false);
+  return low === high ? around(low) : window.uPlot.rangeNum(low, high, 0.1, false);
 }

@@ -11,6 +11,7 @@ export const clock = seconds => new Date(seconds * 1000).toTimeString().slice(0,
 
 // A value as the table shows it: groups of digits; a fraction without digits that only rounding has made.
 export function value(text, number) {
+  if (text === "-") return "–";
   if (number === null || number === undefined || !/^-?\d+(\.\d+)?$/.test(text)) return text;
   const [whole, part] = text.split(".");
   const digits = part?.length > 6 ? String(Number(number.toPrecision(8))).split(".")[1] : part;
