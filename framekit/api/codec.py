@@ -14,7 +14,7 @@ from framekit.api.values import Frame
 from framekit.codec.codec import compile_protocol
 from framekit.codec.columns import Batch, Cut
 from framekit.codec.errors import EncodeError, FrameError
-from framekit.codec.functions import candidates, fitting, nearest, reason
+from framekit.codec.functions import candidates, likely, nearest, reason
 from framekit.definition.model import protocol as model
 from framekit.definition.problems import did_you_mean, no_such, plural
 from framekit.link.scope import Scope
@@ -160,10 +160,9 @@ class Protocol:
             raise RequestError(f"a frame is bytes, such as bytes.fromhex('02 57'), not {data!r}")
         if sender not in (None, "client", "server"):
             raise RequestError(f"'{sender}' is neither client nor server")
-        found, faults = fitting(
-            self._codec, self.definition.frames, bytes(data), candidates(self.definition, frame, sender), self._scope
-        )
-        return [Frame(fit.frame, fit.fields, bytes(data), fit.refusal) for fit in found], faults
+        frames, bytes_ = self.definition.frames, bytes(data)
+        found, faults = likely(self._codec, frames, bytes_, candidates(self.definition, frame, sender), self._scope)
+        return [Frame(fit.frame, fit.fields, bytes_, fit.refusal) for fit in found], faults
 
     def _known(self, frame: str, known: Any) -> None:
         _named(frame)

@@ -21,12 +21,13 @@ from framekit.cli.common import (
     table,
     tell_error,
 )
-from framekit.codec.functions import candidates, fitting, of_side, other_sides, reason
+from framekit.codec.functions import candidates, likely, of_side, other_sides, reason
 from framekit.codec.shown import code_text, shown, with_name
 
 if TYPE_CHECKING:
     from framekit.api.settings import Names
     from framekit.codec.cache import CachedCodec
+    from framekit.codec.errors import FrameError
     from framekit.codec.functions import Fit
 
 
@@ -96,21 +97,27 @@ def run_decode(arguments: argparse.Namespace) -> int:
     names = context(codec, arguments.param)
     data = hex_bytes(" ".join(arguments.bytes))
     tried = frames_tried(codec, arguments.frame, arguments.side)
-    fits, faults = fitting(codec, codec.catalogue, data, tried, names)
+    fits, faults = likely(codec, codec.catalogue, data, tried, names)
     if not fits:
         tell_error(arguments, "no_frame", reason(codec, faults, data, names))
         return 1
+    inside = {fit.frame: fault for fit in fits if (fault := codec.fault_inside(fit.frame, data, names)) is not None}
     is_open = arguments.frame is None and arguments.side is None
     others = [*other_sides(codec, codec.catalogue, data, fits, names)] if is_open else []
     if arguments.json:
         bad = [{"frame": name, "from": codec.catalogue[name].side, "fault": str(fault)} for name, fault in others]
-        print_json(as_json(codec, fits, data, names) | ({"other_side": bad} if bad else {}))
+        print_json(as_json(codec, fits, data, names, inside) | ({"other_side": bad} if bad else {}))
     else:
         print("\n\n".join(as_text(codec, fit, data, names) for fit in fits))
         for name, fault in others:
             side = codec.catalogue[name].side
             print(f"\nas {name} from the {side} it is bad: {fault} – say who sent it: --from {side}")
-    return 0
+    if not inside:
+        return 0
+    if not arguments.json:
+        frame, fault = next(iter(inside.items()))
+        tell_error(arguments, "bad_frame", f"{frame} is bad: {fault}")
+    return 1
 
 
 class StartNames(dict[str, Any]):
@@ -150,7 +157,10 @@ def frames_tried(codec: CachedCodec, frame: str | None, side: str | None) -> lis
     return candidates(protocol, frame, side)
 
 
-def as_json(codec: CachedCodec, fits: list[Fit], data: bytes, names: Mapping[str, Any]) -> dict[str, Any]:
+def as_json(
+    codec: CachedCodec, fits: list[Fit], data: bytes, names: Mapping[str, Any], faults: Mapping[str, FrameError]
+) -> dict[str, Any]:
+    """Return the frames with their fields; `faults`: the faults inside of frames, by their names."""
     from framekit.codec.contents import contents_of
 
     contents = contents_of(codec.protocol, codec)
@@ -161,6 +171,8 @@ def as_json(codec: CachedCodec, fits: list[Fit], data: bytes, names: Mapping[str
             one["names"] = numbers
         if fit.refusal is not None:
             one["refused"] = fit.refusal
+        if fit.frame in faults:
+            one["bad"] = str(faults[fit.frame])
         if warnings := codec.check_warnings(fit.frame, data, names):
             one["warnings"] = warnings
         shown.append(one)

@@ -172,6 +172,34 @@ def fitting(
 
     A frame with `refuse` counts only if no other frame fits.
     """
+    fits, faults = _fits(codec, frames, data, names, context)
+    whole = [fit for fit in fits if fit.refusal is None]
+    known = [fit for fit in whole if not _holds_unknown(fit.fields)]
+    return known or whole or fits, faults
+
+
+def likely(
+    codec: FrameFunctions, frames: Catalogue, data: bytes, names: list[str], context: Context | None = None
+) -> tuple[list[Fit], list[tuple[str, FrameError]]]:
+    """Return the frames that bytes of unknown origin are, presumably, and the faults of the other frames.
+
+    A frame that holds bytes for which its definition has a refusal, such as a request with an unknown function, counts
+    only if no other frame fits, or has a fault inside: the bytes are rather a damaged reply.
+    """
+    fits, faults = _fits(codec, frames, data, names, context)
+    whole = [fit for fit in fits if fit.refusal is None and not _holds_unknown(fit.fields)]
+    right = [fit for fit in whole if not _holds_refused(fit.fields, frames)]
+    if right or len(fits) < 2:
+        return right or fits, faults
+    faulty = [fit for fit in fits if fit.refusal is None and codec.fault_inside(fit.frame, data, context) is not None]
+    refused = [fit for fit in fits if fit.refusal is not None]
+    return [*faulty, *refused] if faulty else whole or fits, faults
+
+
+def _fits(
+    codec: FrameFunctions, frames: Catalogue, data: bytes, names: list[str], context: Context | None
+) -> tuple[list[Fit], list[tuple[str, FrameError]]]:
+    """Return every frame that the bytes fit or that is refused for them, and the faults of the other frames."""
     fits: list[Fit] = []
     faults: list[tuple[str, FrameError]] = []
     for name in names:
@@ -184,9 +212,7 @@ def fitting(
             if error.refuse is not None and error.cause != "check":
                 fits.append(Fit(name, error.fields, error.refuse))
             faults.append((name, error))
-    whole = [fit for fit in fits if fit.refusal is None]
-    known = [fit for fit in whole if not _holds_unknown(fit.fields)]
-    return known or whole or fits, faults
+    return fits, faults
 
 
 def nearest(faults: list[tuple[str, FrameError]]) -> tuple[str, FrameError] | None:
@@ -257,3 +283,13 @@ def reason(
 def _holds_unknown(fields: Mapping[str, Any]) -> bool:
     """Return whether an inner frame at any depth is unknown to the protocol."""
     return any(isinstance(value, dict) and ("unknown" in value or _holds_unknown(value)) for value in fields.values())
+
+
+def _holds_refused(fields: Mapping[str, Any], frames: Catalogue) -> bool:
+    """Return whether an inner frame at any depth is a frame that its definition refuses."""
+    for value in fields.values():
+        if isinstance(value, dict):
+            inside = frames.get(next(iter(value))) if len(value) == 1 else None
+            if (inside is not None and inside.inner and inside.refuse is not None) or _holds_refused(value, frames):
+                return True
+    return False

@@ -230,6 +230,38 @@ def test_decode_says_that_bytes_are_nearly_a_frame_of_the_other_side(capsys: pyt
 
 
 @pytest.mark.parametrize(
+    ("data", "fault"),
+    [
+        ("00 01 00 00 00 07 01 03 02 00 07 00 00", "read_holding_reply.frame at byte 11: surplus"),
+        ("00 01 00 00 00 07 01 06 00 01 00 02 00", "write_register_reply.frame at byte 12: surplus"),
+        ("00 01 00 00 00 07 01 10 00 01 00 02 00", "write_registers_reply.frame at byte 12: surplus"),
+        ("00 01 00 00 00 05 01 83 02 00 07", "exception.frame at byte 9: surplus"),
+    ],
+)
+def test_a_reply_that_is_too_long_is_no_request(data: str, fault: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Each may also be a request that a server would refuse."""
+    for side in ([], ["--from", "server"]):
+        status, out, err = call(capsys, "decode", "modbus-tcp", *side, data)
+        assert (status, "reply_adu" in out) == (1, True)
+        assert err.startswith(f"framekit decode: reply_adu is bad: pdu.{fault}, expected its end, found ")
+    status, out, err = call(capsys, "decode", "modbus-tcp", "--json", data)
+    found = json.loads(out)
+    (bad,) = [one["bad"] for one in (found, *found.get("others", [])) if "bad" in one]
+    assert (status, err, fault in bad) == (1, "", True)
+
+
+@pytest.mark.parametrize(
+    ("data", "frame"),
+    [("00 01 00 00 00 05 01 03 02 00 07", "reply_adu"), ("00 01 00 00 00 06 01 2B 0E 01 00 01", "request_adu")],
+)
+def test_a_good_frame_comes_before_a_request_that_is_refused(
+    data: str, frame: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, out, err = call(capsys, "decode", "modbus-tcp", "--json", data)
+    assert (status, json.loads(out)["frame"], "others" in json.loads(out), err) == (0, frame, False, "")
+
+
+@pytest.mark.parametrize(
     ("count", "fault"),
     [
         ("07", "pdu.read_holding_reply.values at byte 3: short, expected 7 bytes, found 6"),

@@ -16,7 +16,7 @@ from framekit.api.monitor import field_rows
 from framekit.api.rows import field_row
 from framekit.codec.codec import Codec, compile_protocol
 from framekit.codec.errors import EncodeError, FrameError
-from framekit.codec.functions import candidates, fitting, nearest
+from framekit.codec.functions import candidates, likely, nearest
 from framekit.codec.plain import PlainValues, with_hint
 from framekit.codec.python.flat import inner_frames
 from framekit.codec.samples import Sampler
@@ -144,7 +144,7 @@ def decode(path: Path, protocol: str, data: str) -> Answer:
 def _readings(known: _Protocol, raw: bytes) -> Iterator[Answer]:
     """Yield the readings of bytes: every frame that fits, or the nearest frame."""
     frames = known.definition.frames
-    fits, faults = fitting(known.codec, frames, raw, candidates(known.definition), known.scope)
+    fits, faults = likely(known.codec, frames, raw, candidates(known.definition), known.scope)
     for fit in fits:
         yield _reading(known, raw, fit.frame, None)
     best = None if fits else nearest(faults)
