@@ -21,7 +21,7 @@ from framekit.cli.common import (
     table,
     tell_error,
 )
-from framekit.codec.functions import candidates, likely, of_side, other_sides, reason
+from framekit.codec.functions import candidates, damage, likely, of_side, other_sides, reason
 from framekit.codec.shown import code_text, shown, with_name
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ def run_decode(arguments: argparse.Namespace) -> int:
     if not fits:
         tell_error(arguments, "no_frame", reason(codec, faults, data, names))
         return 1
-    inside = {fit.frame: fault for fit in fits if (fault := codec.fault_inside(fit.frame, data, names)) is not None}
+    inside = {fit.frame: fault for fit in fits if (fault := damage(codec, fit.frame, data, names)) is not None}
     is_open = arguments.frame is None and arguments.side is None
     others = [*other_sides(codec, codec.catalogue, data, fits, names)] if is_open else []
     if arguments.json:

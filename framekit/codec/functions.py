@@ -191,9 +191,19 @@ def likely(
     right = [fit for fit in whole if not _holds_refused(fit.fields, frames)]
     if right or len(fits) < 2:
         return right or fits, faults
-    faulty = [fit for fit in fits if fit.refusal is None and codec.fault_inside(fit.frame, data, context) is not None]
+    faulty = [fit for fit in fits if fit.refusal is None and damage(codec, fit.frame, data, context) is not None]
     refused = [fit for fit in fits if fit.refusal is not None]
     return [*faulty, *refused] if faulty else whole or fits, faults
+
+
+OTHER_KIND = frozenset({"constant", "where"})
+"""Causes of faults that show that bytes are another kind of frame, and not a damaged frame."""
+
+
+def damage(codec: FrameFunctions, frame: str, data: bytes, context: Context | None = None) -> FrameError | None:
+    """Return the fault of inner bytes that are a known frame but for this fault; None without any."""
+    fault = codec.fault_inside(frame, data, context)
+    return None if fault is None or fault.cause in OTHER_KIND else fault
 
 
 def _fits(
