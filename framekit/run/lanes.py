@@ -53,6 +53,10 @@ class LaneRules:
     silence: Silence = field(default_factory=Silence)
     dead: DeadRule | None = None
     stations: Mapping[Hashable, DeadRule | None] = field(default_factory=dict)
+    command_queue: int | None = None
+    """Most command blocks that may wait; None: no limit."""
+    command_start: int = 0
+    """Time after the start of the run before which no command block is taken (ns)."""
 
     def dead_rule(self, station: Hashable) -> DeadRule | None:
         return self.stations.get(station, self.dead)
@@ -140,6 +144,15 @@ class BlockLane:
         return bool(self.running)
 
     # ---- waiting ------------------------------------------------------------------------------------------
+
+    def command_fault(self, since_start: int) -> str:
+        """Return why no further command block may wait, or ''. `since_start`: time since the start of the run (ns)."""
+        if since_start < self.rules.command_start:
+            return "the channel takes no commands yet"
+        if self.rules.command_queue is None:
+            return ""
+        waiting = sum(entry[3].block.commands is not None for entry in self.waiting)
+        return "the queue of the channel is full" if waiting >= self.rules.command_queue else ""
 
     def look_again(self, state: BlockState) -> None:
         """Put a parked or delayed block back among the waiting blocks if its station has changed."""

@@ -563,6 +563,10 @@ class Channel:
     merge: Merge | None = None
     stations: Mapping[Any, StationRules] = field(default_factory=dict)
     enabled: bool = True
+    command_queue: int | None = None
+    """Most command blocks that may wait for the channel; None: no limit."""
+    command_start: int = 0
+    """Time after the start of the run before which a command block is a fault (ns)."""
     answer: int = 0
     """Assumed response time of devices (ns), for estimates of the load only."""
     mapping: Mapping[str, tuple[str, int]] = field(default_factory=dict)

@@ -224,7 +224,7 @@ class Scheduler:
     `died(channel, station, dead)` is called when a station dies or comes back, `look()` when the end of an exchange
     made no block due but may have changed `deadline`. `held_until(channel, station)` returns the time before which no
     request to the station is sent, and `delayed(state, until)` is called for a block that waits for that, up to a time
-    (ns).
+    (ns). `untaken(state)` is called for a command block that may not wait for its channel.
     """
 
     def __init__(
@@ -244,6 +244,7 @@ class Scheduler:
         look: Callable[[], None] | None = None,
         held_until: Callable[[int, Hashable], Held] = lambda channel, station: (0, False),
         delayed: Callable[[BlockState, int], None] = lambda state, until: None,
+        untaken: Callable[[BlockState], None] = lambda state: None,
     ) -> None:
         self.states = {block.id: BlockState(block) for block in blocks}
         self.sets = dict(sets or {})
@@ -257,7 +258,10 @@ class Scheduler:
         self._joins = joins
         self._died = died
         self._delayed = delayed
+        self._untaken = untaken
         self._active = False
+        self._began = 0
+        """Time of the start of the run, or of its last reset (ns)."""
         self._starting: BlockState | None = None
         for channel, rules in channels.items():
             self._ready.add(channel, LaneRules(silence=Silence(between=rules)) if isinstance(rules, int) else rules)
@@ -277,7 +281,7 @@ class Scheduler:
 
     def begin(self, now: int) -> None:
         """Arm the triggers of all blocks. Time triggers count from `now`."""
-        self._active = True
+        self._active, self._began = True, now
         for state in self.states.values():
             self.arm(state, now)
         self.tick(now)
@@ -417,10 +421,23 @@ class Scheduler:
                 lane.look_again(state)
                 self._ready.note(lane)
             return
+        if state.block.commands is not None and (fault := lane.command_fault(now - self._began)):
+            self._refuse(state, fault, now)
+            return
         state.waiting = True
         heapq.heappush(lane.waiting, (now, -state.block.priority, state.id, state))
         if not lane.running:
             self._ready.note(lane)
+
+    def _refuse(self, state: BlockState, fault: str, now: int) -> None:
+        """Count a command block that may not wait as an exchange, started and failed."""
+        if state.starts_left:
+            state.starts_left -= 1
+        state.started += 1
+        self._untaken(state)
+        self._ended(state, Failure(outcome="queue_full", cause=fault), now)
+        if (armed := state.armed) is not None and armed.levels and armed.level_holds():
+            self._registry.at(now + LEAST_TIME, state)
 
     # ---- time ---------------------------------------------------------------------------------------------
 

@@ -151,6 +151,8 @@ class ChannelLoader:
             merge=self.rules.merge(keys),
             stations=self.rules.stations(keys, protocol),
             enabled=reader.flag(keys.get("enabled"), default=True),
+            command_queue=self.attempts.maybe(reader.number, keys.get("command_queue")),
+            command_start=self.attempts.maybe(reader.time, keys.get("command_start")) or 0,
             answer=answer or 0,
             mapping=read_mapping(reader, keys.get("map"), protocol, grammar),
             at=entry.key.at,

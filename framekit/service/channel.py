@@ -672,4 +672,6 @@ def rules_of(channel: Channel) -> LaneRules:
         silence=channel.silence,
         dead=channel.dead,
         stations={station: rules.dead for station, rules in channel.stations.items() if rules.own_dead},
+        command_queue=channel.command_queue,
+        command_start=channel.command_start,
     )

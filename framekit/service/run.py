@@ -22,7 +22,7 @@ from framekit.run.block_state import BlockState, BlockStatus, Failure
 from framekit.run.block_words import BlockMemory, SettingError, status_of
 from framekit.run.edit import Edit, Removed, added_blocks, plan_edit
 from framekit.run.model import POINTS_SET, Block, Channel, Point, RunModel
-from framekit.run.own_memory import AddressedMemory, addresses_of
+from framekit.run.own_memory import AddressedMemory, addresses_of, store_pieces
 from framekit.run.scheduler import Scheduler
 from framekit.run.triggers import awaited_bits
 from framekit.run.trouble import Troubles, listed_troubles
@@ -168,7 +168,7 @@ class RunService(ChannelOwner):
             {number: rules_of(channel) for number, channel in run.channels.items()},
             self.exchanges.start, self.loop.wake, self._ended,
             station_of=self.exchanges.station_of, joins=self.exchanges.joins, sets=run.sets, died=self._died,
-            look=self._look, held_until=self.exchanges.held_until, delayed=self._delayed,
+            look=self._look, held_until=self.exchanges.held_until, delayed=self._delayed, untaken=self._untaken,
         )  # fmt: skip
         for state in self.states.values():
             self.block_memory.add(state, protocol_of(run, state.block))
@@ -282,6 +282,11 @@ class RunService(ChannelOwner):
     def _delayed(self, state: BlockState, until: int) -> None:
         """Report that a block waits, because late replies of its station may come before `until`."""
         self.values.waits(state.block, self._station_of(state), until)
+
+    def _untaken(self, state: BlockState) -> None:
+        """Set the fault bit of a command block that its channel does not take."""
+        if state.block.fault is not None:
+            store_pieces(self.memory, [(state.block.fault, 1, b"\x01")])
 
     def goes_on(self, channel: int) -> None:
         """Start the blocks that waited for late replies."""
