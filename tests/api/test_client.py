@@ -14,6 +14,7 @@ import pytest
 from api_world import SlowServer, device_file, pymodbus_server
 from service.test_ending import DEVICE, PROTOCOL
 from service.test_ending import RUN as TALK
+from spread import spread
 
 import framekit
 from framekit.transport.pty_port import PtyPair
@@ -283,7 +284,7 @@ def test_closing_ends_the_calls_of_other_threads() -> None:
     thread.stop()
 
 
-@pytest.mark.parametrize("ending", ["", "client.close()"])
+@pytest.mark.parametrize("ending", spread(["", "client.close()"], 2))
 def test_a_program_ends_with_or_without_closing(tmp_path: Path, ending: str) -> None:
     script = f"""
 import framekit

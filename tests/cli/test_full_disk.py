@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from cli.small_run import DEVICE, RUN
+from spread import spread
 
 from framekit.cli.common import why_output_failed
 
@@ -48,24 +49,24 @@ def carried_out(
     return status, "" if errors == FULL else errors.read_text("utf-8")
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("--version",),
-        ("--help",),
-        ("decode", "--help"),
-        REQUEST,
-        (*REQUEST, "--json"),
-        ("check", "modbus-rtu"),
-        ("check", "modbus-rtu", "--json"),
-        ("frames",),
-        ("generate", "python", "modbus-rtu"),
-        ("run", "full.run.yaml", "--for", "1s", "--json"),
-        ("run", "full.run.yaml", "--for", "1s"),
-        ("run", "full.run.yaml", "--for", "1s", "--virtual", "--json"),
-    ],
-    ids=" ".join,
-)
+OUTPUTS: list[Sequence[str]] = [
+    ("--version",),
+    ("--help",),
+    ("decode", "--help"),
+    REQUEST,
+    (*REQUEST, "--json"),
+    ("check", "modbus-rtu"),
+    ("check", "modbus-rtu", "--json"),
+    ("frames",),
+    ("generate", "python", "modbus-rtu"),
+    ("run", "full.run.yaml", "--for", "1s", "--json"),
+    ("run", "full.run.yaml", "--for", "1s"),
+    ("run", "full.run.yaml", "--for", "1s", "--virtual", "--json"),
+]
+"""Commands that write to standard output."""
+
+
+@pytest.mark.parametrize("words", spread([(words,) for words in OUTPUTS], 3), ids=" ".join)
 def test_output_that_has_no_room_gives_a_message_and_status_1(
     folder: Path, environment: dict[str, str], words: Sequence[str]
 ) -> None:

@@ -20,6 +20,7 @@ from pathlib import Path
 
 import pytest
 from cli.small_run import DEVICE, RUN
+from spread import spread
 
 from framekit.api.trouble import Troubles
 from framekit.cli import live_output as live_output_module
@@ -645,10 +646,13 @@ def test_a_device_answers_while_its_output_is_not_read(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "words",
-    [
-        ["monitor", "modbus-rtu", "--port", "{port}", "--capture", "heard.jsonl", "--json"],
-        ["record", "{port}", "-o", "heard.jsonl"],
-    ],
+    spread(
+        [
+            ["monitor", "modbus-rtu", "--port", "{port}", "--capture", "heard.jsonl", "--json"],
+            ["record", "{port}", "-o", "heard.jsonl"],
+        ],
+        2,
+    ),
 )
 def test_a_line_is_heard_while_the_output_is_not_read(tmp_path: Path, words: Sequence[str]) -> None:
     with PtyPair() as pair, started(tmp_path, *(word.format(port=pair.first) for word in words)) as process:

@@ -101,6 +101,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.long
 def test_a_run_ends_as_elsewhere(folder: Path) -> None:
     with foreign(
         folder, "run", "foreign.run.yaml", "--json", "--frames", "--control", "--status-every", "1h"

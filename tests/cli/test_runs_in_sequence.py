@@ -56,6 +56,7 @@ def live() -> Iterator[LiveOutput]:
         yield found
 
 
+@pytest.mark.long
 def test_the_next_run_of_a_rolled_out_file_continues_the_lines(
     live: LiveOutput, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

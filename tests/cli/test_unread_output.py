@@ -42,7 +42,7 @@ def test_verbs_that_only_print_end_quietly(tmp_path: Path, words: list[str]) -> 
         assert process.wait(60) == 141 and process.stderr.read() == ""
 
 
-@pytest.mark.parametrize("options", [("--frames",), ("--frames", "--json")])
+@pytest.mark.parametrize("options", spread([(("--frames",),), (("--frames", "--json"),)], 2))
 def test_a_run_goes_on_without_its_reader(tmp_path: Path, options: tuple[str, ...]) -> None:
     """`framekit run plant.run.yaml
 

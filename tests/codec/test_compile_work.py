@@ -92,7 +92,7 @@ def test_the_work_of_a_check_grows_with_the_definition(tmp_path: Path, shape: st
     assert many - some < GROWTH * (some - few)
 
 
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("shape", spread(SHAPES, 3))
 def test_the_source_grows_with_the_definition(shape: str) -> None:
     few, some, many = (
         len(generate_source(load_protocol_text(definition(shape, count)), standalone=False)) for count in (50, 100, 200)

@@ -72,6 +72,7 @@ def test_a_row_for_everything_seen(tmp_path: Path) -> None:
     assert bad["event"] == "bad" and bad["offset"] is not None and bad["reason"] and bad["bytes"] == WRONG
 
 
+@pytest.mark.long
 def test_processes_give_the_same_rows(tmp_path: Path) -> None:
     found = captures(tmp_path, 2)
     for jobs in (1, 2):

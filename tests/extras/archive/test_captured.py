@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from service.fault_world import LINKS, Link
 from service.test_unfinished_requests import PLCS, SNP
+from spread import spread
 
 from framekit.api.monitor import decoder
 from framekit.api.run import VirtualRun
@@ -45,7 +46,7 @@ def files(folder: Path, link: Link, number: int) -> Path:
     return path
 
 
-@pytest.mark.parametrize("name", ADDRESSED)
+@pytest.mark.parametrize("name", spread(ADDRESSED, 4))
 def test_values_of_a_line_are_those_of_the_run(name: str, tmp_path: Path) -> None:
     link = ADDRESSED[name]
     run = VirtualRun(files(tmp_path, link, 77), capture=tmp_path / "line.pcap")

@@ -264,6 +264,7 @@ def test_a_run_that_cannot_begin_is_the_one_of_before_again(tmp_path: Path) -> N
             assert watcher.wait("one", lambda one: is_well(one) and one.said("run") == "other").online
 
 
+@pytest.mark.long
 @needs_mosquitto
 def test_what_was_rolled_out_once_cannot_be_sent_again(tmp_path: Path) -> None:
     with Broker(tmp_path) as broker, Watcher(broker.port) as watcher:

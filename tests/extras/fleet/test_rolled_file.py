@@ -6,6 +6,7 @@ import asyncio
 from pathlib import Path
 
 import pytest
+from spread import spread
 
 from framekit.api.replaced_file import ReplacedFile
 from framekit.definition.problems import DefinitionError
@@ -46,12 +47,15 @@ def reasons_of(path: Path, text: str, limit: float = 120.0) -> list[str]:
 
 @pytest.mark.parametrize(
     "rolled",
-    [
-        RUN.replace("protocol: modbus-tcp", "protocol: db.password"),
-        RUN.replace("station: 1}", "station: 1, faults: db.password}"),
-        RUN.replace('points:\n  count: {channel: 1, address: "40001"}', "points: S3"),
-        f"{RUN}memory: db.password\n",
-    ],
+    spread(
+        [
+            RUN.replace("protocol: modbus-tcp", "protocol: db.password"),
+            RUN.replace("station: 1}", "station: 1, faults: db.password}"),
+            RUN.replace('points:\n  count: {channel: 1, address: "40001"}', "points: S3"),
+            f"{RUN}memory: db.password\n",
+        ],
+        2,
+    ),
 )
 def test_a_refusal_names_other_files_and_quotes_none(run_file: Path, rolled: str) -> None:
     reasons = reasons_of(run_file, rolled)

@@ -6,7 +6,7 @@ from random import Random
 
 import pytest
 from extras.guess.uart import SECOND, UartPort, Wire, receive
-from spread import many
+from spread import many, spread
 
 from framekit.definition.times import LineFormat, parse_format
 from framekit.extras.guess.line_trial import FORMATS, SPEEDS, HeardAt, LineTrial, TrialResult, judge
@@ -132,7 +132,7 @@ def test_nothing_is_sure_where_the_right_one_is_not_tried(count: int) -> None:
         assert found.certainty != "sure", (str(line), found.text)
 
 
-@pytest.mark.parametrize("line", LINES[:6] + LINES[-6:], ids=str)
+@pytest.mark.parametrize("line", spread(LINES[:6] + LINES[-6:], 4), ids=str)
 def test_a_busy_line_is_sure(line: LineFormat) -> None:
     found = verdict_on(traffic("text", line, Random(1), 30))
     assert (found.certainty, found.line) == ("sure", line)

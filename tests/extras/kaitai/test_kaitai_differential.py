@@ -13,7 +13,7 @@ from definition_trial import Trial, damaged
 from drawn_definitions import DrawnDefinition
 from extras.kaitai.kaitai_world import Compared, Reader, needs_compiler, readers_of
 from segment_cases import CASES
-from spread import many
+from spread import many, spread
 from strategies import base_context
 
 from framekit.codec.codec import Codec, compile_protocol
@@ -237,7 +237,9 @@ def differences(reader: Reader, codec: Codec, frame: str, data: bytes) -> list[s
 
 
 @needs_compiler
-@pytest.mark.parametrize("rows", [VALUES, NAMES, EXPRESSIONS, FRAMES], ids=["values", "names", "expressions", "frames"])
+@pytest.mark.parametrize(
+    "rows", spread([VALUES, NAMES, EXPRESSIONS, FRAMES], 2), ids=["values", "names", "expressions", "frames"]
+)
 def test_good_and_bad_bytes_are_what_they_are_for_framekit(rows: Mapping[str, Row]) -> None:
     protocols = [definition(text) for text, _ in rows.values()]
     found = {}

@@ -61,7 +61,7 @@ def messages_of(text: str, folder: Path) -> list[str]:
 
 
 @needs_compiler
-@pytest.mark.parametrize("one", DESCRIPTIONS, ids=lambda one: f"{one.name}-{one.frame}")
+@pytest.mark.parametrize("one", spread(DESCRIPTIONS, 3), ids=lambda one: f"{one.name}-{one.frame}")
 def test_the_same_bytes_have_the_same_values(one: Description, tmp_path: Path) -> None:
     found = one.trial(tmp_path, 600)
     assert found.differences == []
@@ -335,7 +335,7 @@ def changed(draw: random.Random, texts: list[str]) -> str:
     return "\n".join(lines)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", spread(range(4), 4))
 def test_any_text_gives_a_definition_or_is_told(seed: int, tmp_path: Path) -> None:
     draw, texts = random.Random(seed), [path.read_text("utf-8") for path in FILES]
     made = 0

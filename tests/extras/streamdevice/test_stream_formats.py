@@ -80,7 +80,7 @@ def as_printf(form: str, value: Any) -> bytes:
 VALUES: dict[str, list[Any]] = {**dict.fromkeys("diuxXo", WHOLE), **dict.fromkeys("feEgG", REALS), "s": TEXTS}
 
 
-@pytest.mark.parametrize("kind", spread(VALUES, 4))
+@pytest.mark.parametrize("kind", spread(VALUES, 6))
 def test_what_is_sent_is_what_printf_writes(kind: str) -> None:
     wanted = {f'out "A{form}{behind}"': (form, behind) for form in formats(kind) for behind in ("", "Z", " V")}
     protocol, frames = frames_of(list(wanted))
@@ -150,7 +150,7 @@ LINES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", "diuxXofeEgGsc")
+@pytest.mark.parametrize("kind", spread("diuxXofeEgGsc", 4))
 def test_what_is_taken_has_the_value_that_stream_device_reads(kind: str) -> None:
     rng, read = Random(1), 0
     every = [*product(flags_of("-+ 0#!"), ["", "1", "2", "3", "5", "8"], ["", "Z", " V", ",", "-"])]
@@ -370,7 +370,7 @@ def test_what_cannot_be_carried_out_is_told_with_its_place(command: str, what: s
     assert all(problem.at.line == 2 and problem.at.column > 1 and problem.todo for problem in raised.value.problems)
 
 
-@pytest.mark.parametrize("word", ["in", "out"])
+@pytest.mark.parametrize("word", spread(["in", "out"], 2))
 def test_every_flag_of_every_converter_is_carried_out_or_told(word: str) -> None:
     """No combination raises another error, and all remaining commands give a definition that loads."""
     every = product(

@@ -430,6 +430,7 @@ def test_any_text_ends_in_words(text: str) -> None:
 SIGNS = "".join(map(chr, range(256)))
 
 
+@pytest.mark.long
 def test_damaged_files_end_in_words() -> None:
     rng, wrong, made = Random(1), 0, 0
     for _ in range(400):

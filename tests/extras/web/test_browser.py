@@ -48,6 +48,7 @@ def quick(folder: Path) -> Path:
     return written(folder, WORLD.replace("every: 1s", "every: 100 ms"), device)
 
 
+@pytest.mark.long
 @needs_chromium
 def test_values_move_and_frames_are_filtered_and_paused(tmp_path: Path) -> None:
     with browser() as page, program(tmp_path, "run", str(quick(tmp_path))) as (url, _):

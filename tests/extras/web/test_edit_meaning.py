@@ -128,6 +128,7 @@ def test_a_form_holds_the_chosen_inner_frame(tmp_path: Path) -> None:
     assert answer_of("build", device, **given, rows=rows) == {"built": "11 03 00 00 00 02 C6 9B"}
 
 
+@pytest.mark.long
 def test_every_form_of_shipped_protocols_builds_its_sample(tmp_path: Path) -> None:
     for name in ("modbus-tcp", "df1", "sbus"):
         device = written(tmp_path, f"device: d\nprotocol: {name}\n", "d.device.yaml")
