@@ -105,6 +105,7 @@ def installed(folder: Path, distribution: str, points: str) -> None:
     write(info / "entry_points.txt", f"[framekit.protocols]\n{points}\n")
 
 
+@pytest.mark.long
 def test_protocols_of_installed_packages_are_found_and_not_imported(tmp_path: Path) -> None:
     site = tmp_path / "site"
     installed(site, "acme", "lamp = acme_frames\nbell = acme_more:data.frames\ngone = not_there\n")

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 import yaml
 from jsonschema import Draft202012Validator
+from spread import spread
 
 from framekit.api.errors import RequestError
 from framekit.api.new_files import kinds, schema
@@ -30,7 +31,7 @@ def read_as_yaml(path: Path) -> Any:
     return json.loads(json.dumps(yaml.load(path.read_text("utf-8"), Loader)))
 
 
-@pytest.mark.parametrize("kind", [None, *kinds()])
+@pytest.mark.parametrize("kind", spread([None, *kinds()], 4))
 def test_a_schema_stands_alone(kind: str | None) -> None:
     whole = schema(kind)
     Draft202012Validator.check_schema(whole)

@@ -126,6 +126,7 @@ def called(folder: Path, *words: str, state: str = "") -> int:
     return main(["call", "snp", *words, *line, "--param", "login=yes"])
 
 
+@pytest.mark.long
 def test_the_command_line_stores_and_loads_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source, copy = tmp_path / "logic.bin", tmp_path / "copy.bin"
     source.write_bytes(b"\x01\x02\x03")

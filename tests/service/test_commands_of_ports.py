@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from command_world import RUN, SECOND, STATUS, CommandWorld, text_words
+from spread import spread
 
 from framekit.link.events import Seen
 from framekit.runfile.run_file import load_run
@@ -63,10 +64,10 @@ class Port:
 
 @pytest.mark.parametrize(
     ("answer", "code"),
-    [
+    spread([
         ("CONNECT 9600", 0x0001), ("OK", 0x0001), ("", 0x050E), ("BUSY", 0x060E), ("NO CARRIER", 0x070E),
         ("NO DIALTONE", 0x080E), ("ERROR", 0x090E), ("RING", 0x0A0E), ("DELAYED", 0x0B0E),
-    ],
+    ], 4),
 )  # fmt: skip
 def test_the_status_has_the_answer_of_the_modem(tmp_path: Path, answer: str, code: int) -> None:
     port = Port(tmp_path, MODEM % (answer or "OK", bool(answer)))
