@@ -12,7 +12,7 @@ from framekit.definition.expression import Attribute, Binary, Expression, Name, 
 from framekit.definition.model.frames import parts_of
 from framekit.definition.model.procedure import Role, Row, Sequence, Step
 from framekit.definition.model.protocol import Protocol
-from framekit.definition.model.segments import Check, Segment
+from framekit.definition.model.segments import Check, Field, Segment
 from framekit.definition.model.values import FrameOf
 from framekit.link.values import (
     EVALUATION_ERRORS,
@@ -78,8 +78,9 @@ def replies_of(protocol: Protocol, role: Role | None) -> Replies:
     run = [name for lane in role.lanes for name in lane.exchange]
     run += () if session is None else (*session.open, *session.close)
     sequences = list(protocol.called_from(run))
-    waiting = [step for sequence in sequences for step in sequence.steps if step.receive]
-    steps = [step for step in waiting if not is_numbered(step, protocol)]
+    placed = [(step, sequence) for sequence in sequences for step in sequence.steps if step.receive]
+    waiting = [step for step, _ in placed]
+    steps = [step for step, sequence in placed if not is_numbered(step, sequence, protocol)]
     frames = _frames_of(steps, protocol)
     asking = [*_requests(frames, protocol), *(carrier for one in sequences for carrier in _carriers(one, steps))]
     exchanges = [protocol.sequences[name] for lane in role.lanes for name in lane.exchange]
@@ -196,18 +197,40 @@ def _name_stations(frames: frozenset[str], stations: Mapping[str, tuple[str, Inv
     return bool(fields) and bool(echoes) and all(names & fields for names in echoes)
 
 
-def is_numbered(step: Step, protocol: Protocol) -> bool:
-    """Return whether each reply repeats a number that every request of the step gets anew: no other reply has it."""
-    if not isinstance(step.send, FrameOf):
+def is_numbered(step: Step, sequence: Sequence, protocol: Protocol) -> bool:
+    """Return whether each reply repeats a number that every request of the step gets anew: no other reply has it.
+
+    A step without a request waits for the reply to a request that its sequence has put into a queue.
+    """
+    if isinstance(step.send, FrameOf):
+        numbers = set(_fields_that_read(step.send, _counted(step, protocol)))
+    elif step.send is None and any(one.put for one in sequence.steps):
+        counted = set[str]().union(*(_counted(one, protocol) for one in sequence.steps))
+        numbers = {field.name for field in _fields_of_frames(protocol) if _reads(field, counted)}
+    else:
         return False
-    counted = {
+    frames = _waited_for(step.receive or (), protocol)
+    return bool(numbers and frames) and all(_repeats_number(name, numbers, protocol) for name in frames)
+
+
+def _counted(step: Step, protocol: Protocol) -> set[str]:
+    """Return the state variables that a step counts on."""
+    return {
         target.name
         for target, value in step.set
         if target.name in protocol.state and isinstance(value, Expression) and target.name in names_in(value.root)
     }
-    numbers = set(_fields_that_read(step.send, counted))
-    frames = _waited_for(step.receive or (), protocol)
-    return bool(numbers and frames) and all(_repeats_number(name, numbers, protocol) for name in frames)
+
+
+def _fields_of_frames(protocol: Protocol) -> Iterator[Field]:
+    """Yield the fields of all frames."""
+    return (field for frame in protocol.frames.values() for field in parts_of(frame.segments, Field))
+
+
+def _reads(field: Field, variables: set[str]) -> bool:
+    """Return whether a field is computed from one of these variables when a frame is built."""
+    values = (field.is_, field.build, field.default)
+    return any(isinstance(value, Expression) and bool(names_in(value.root) & variables) for value in values)
 
 
 def _fields_that_read(frame: FrameOf, variables: set[str]) -> Iterator[str]:

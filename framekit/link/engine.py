@@ -499,7 +499,7 @@ class Engine:
                     lanes.fill(item)
                 elif kind is FrameValue:
                     if not lanes.offer(item):
-                        self._unsolicited(item)
+                        self._unsolicited(item, self._is_overdue(item))
                 elif item is QUEUES:
                     lanes.offer_queues()
                 else:
@@ -586,6 +586,14 @@ class Engine:
             self._unsolicited(value, is_late)
         if found is not None and not late.until:
             self.lanes.release()
+
+    def _is_overdue(self, value: FrameValue) -> bool:
+        """Return whether a frame out of a queue is the late reply to a request with its number, and note that."""
+        late = self.late
+        if not late.numbered.is_watching:
+            return False
+        late.latest = self._latest()
+        return late.answers_overdue(value) is not None
 
     def _latest(self) -> Latest:
         """Return when the last request left that waits for its reply, or whose reply is in doubt, and its exchange."""

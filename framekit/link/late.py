@@ -31,7 +31,7 @@ from framekit.link.frame_table import FrameTable
 from framekit.link.overdue import HORIZON, LONGEST, MOST_OPEN, Latest, NumberedRequests, OpenRequest, request_of
 from framekit.link.scope import Scope
 from framekit.link.sequences.state import Run
-from framekit.link.slow import SlowStations, key_of
+from framekit.link.slow import Prompt, SlowStations, key_of
 from framekit.link.values import CODEC_ERRORS, EVALUATION_ERRORS, FrameValue, Names, compile_optional
 
 LOSSES, SHORT_HORIZON = 5, 4
@@ -53,8 +53,8 @@ class Doubt:
     """The replies to one exchange while requests before it are open: it runs again until a reply is believed."""
 
     __slots__ = (
-        "asks", "began", "changes", "equal", "extra", "gathers_from", "is_draining", "is_held", "quickest", "reply",
-        "restarts", "result", "since", "was_drained",
+        "asks", "began", "changes", "equal", "extra", "first", "gathers_from", "is_draining", "is_held", "quickest",
+        "reply", "restarts", "result", "since", "was_drained",
     )  # fmt: skip
 
     def __init__(self, now: int) -> None:
@@ -68,6 +68,8 @@ class Doubt:
         self.result: object = None
         """Content of the last reply."""
         self.reply: FrameValue | None = None
+        self.first: bytes | None = None
+        """Bytes of the first reply."""
         self.equal = 0
         """Number of equal replies in sequence, the last reply included."""
         self.since = now
@@ -91,9 +93,9 @@ class LateReplies:
     """Track the open requests of a line; decide about sending and storing."""
 
     __slots__ = (
-        "_greatest", "_is_stream", "_late", "_scope", "_served", "_table", "ahead", "count", "expected", "heard_until",
-        "items", "last", "latest", "lost", "noisy", "numbered", "on_end", "on_wait", "open", "seen_at", "slow",
-        "strange_since", "until", "within",
+        "_greatest", "_is_stream", "_late", "_proved", "_scope", "_served", "_table", "ahead", "count", "expected",
+        "heard_until", "items", "last", "latest", "lost", "noisy", "numbered", "on_end", "on_wait", "open", "seen_at",
+        "slow", "strange_since", "until", "within",
     )  # fmt: skip
 
     def __init__(self, protocol: Protocol, scope: Scope, table: FrameTable) -> None:
@@ -128,6 +130,8 @@ class LateReplies:
         """Called when requests no longer have to wait for late replies."""
         self._greatest: dict[Hashable, tuple[int, int]] = {}
         """For each station the greatest lateness, and when it was measured."""
+        self._proved: bytes | None = None
+        """Bytes of the reply that was proved last."""
         self.strange_since = 0
         """Time of the first frame in this hold that answers no open request; 0: none came."""
         self.noisy = -1
@@ -368,7 +372,7 @@ class LateReplies:
         can look like is no sign of anything if noise came since the request: the request stays open.
         """
         now = self._scope.now
-        if self.numbered.is_watching and (found := self._numbered(value, now)) is not None:
+        if self.numbered.is_watching and (found := self.answers_overdue(value)) is not None:
             return None if is_awaited else found
         if value.frame not in self.expected.frames and not any(value.frame in one.frames for one in self.open):
             return None
@@ -395,9 +399,9 @@ class LateReplies:
             self.until = max(self.until, now + max(more, min(service + service // 4, LONGEST)))
         return found
 
-    def _numbered(self, value: FrameValue, now: int) -> OpenRequest | None:
+    def answers_overdue(self, value: FrameValue) -> OpenRequest | None:
         """Return the overdue request whose number a frame has, or None."""
-        return self.numbered.came(value, self.expected.limits, self.latest, now)
+        return self.numbered.came(value, self.expected.limits, self.latest, self._scope.now)
 
     def _answered_by(self, reply: FrameValue) -> OpenRequest | None:
         """Return the open request that a late reply closes; None if it fits none.
@@ -434,8 +438,8 @@ class LateReplies:
         if not any(key_of(one.station) == station for one in self.open):
             _, time = self._served.pop(station)
             if time > request.within and not request.by_itself:
-                limit, is_prompted = request.limit(self.expected.limits), request.is_prompted(self.latest, now)
-                self.slow.answered_late(request.station, time, limit, now, is_prompted=is_prompted)
+                limit, prompt = request.limit(self.expected.limits), request.prompt(self.latest, now)
+                self.slow.answered_late(request.station, time, limit, now, prompt)
         for one in self.open:
             one.ends = max(one.ends, now + min(service + service // 4 + one.within, LONGEST))
         return service
@@ -535,10 +539,11 @@ class LateReplies:
         else:
             doubt.changes += doubt.result is not None
             doubt.equal, doubt.since, doubt.result = 1, now, content
-        doubt.reply = reply
+        doubt.reply, doubt.first = reply, doubt.first or reply.raw
         doubt.quickest = min(doubt.quickest, took)
         possible = min(len(others), 1 + 2 * (now - doubt.since) // within)
         if doubt.equal > possible:
+            self._note_kept(doubt, others[0], x, reply)
             self._shift(doubt, others)
             own = request_of(run, x)
             return self._believe(run, [one for one in others if not one.is_repeated_by(own)])
@@ -575,6 +580,13 @@ class LateReplies:
             one.is_passed = True
         run.doubt = None
         return 0
+
+    def _note_kept(self, doubt: Doubt, oldest: OpenRequest, x: Exchange, reply: FrameValue) -> None:
+        """Note a proof that began with the reply to the last request of the proof before: a device keeps replies."""
+        if doubt.first is not None and doubt.first != reply.raw and doubt.first == self._proved:
+            time, limit = self._scope.now - oldest.at, oldest.limit(self.expected.limits)
+            self.slow.answered_late(x.station, time, limit, self._scope.now, Prompt("request", is_just_late=False))
+        self._proved = reply.raw
 
     def _shift(self, doubt: Doubt, others: list[OpenRequest]) -> None:
         """Keep the last requests of a proof open for the replies of another content, which answered earlier requests.

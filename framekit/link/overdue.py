@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from framekit.link.events import Exchange
 from framekit.link.frame_table import FrameTable
 from framekit.link.sequences.state import NO_NAMES, Run
-from framekit.link.slow import SlowStations
+from framekit.link.slow import NO_PROMPT, Prompt, SlowStations
 from framekit.link.values import FrameValue, Names
 
 LONGEST = 60_000_000_000
@@ -66,7 +66,9 @@ class OpenRequest:
         return is_kind and table.repeats(reply, self.asked, self.sent, self.names)
 
     def is_repeated_by(self, other: OpenRequest) -> bool:
-        """Return whether the same exchange sent the same bytes again with another request."""
+        """Return whether another request is this one, or has the same bytes and the same exchange."""
+        if other is self:
+            return True
         sent, again = self.sent, other.sent
         return self.exchange is other.exchange and sent is not None and again is not None and sent.raw == again.raw
 
@@ -75,12 +77,18 @@ class OpenRequest:
         found = next((one for one in limits if self.names.get(one) == self.within), next(iter(limits), ""))
         return limits.get(found, "")
 
-    def is_prompted(self, latest: Latest, now: int) -> bool:
-        """Return whether a reply that comes now came with the request of a later exchange with the station."""
+    def prompt(self, latest: Latest, now: int) -> Prompt:
+        """Return what a reply that comes now came with, and whether a slightly longer time limit would have caught it.
+
+        A request of a later exchange with the station, or a repeat of this request, may have prompted it.
+        """
         left, exchange = latest
-        if exchange is None or exchange is self.exchange or exchange.station != self.station:
-            return False
-        return left > self.at + self.within and now - left <= self.within // 8
+        is_same = exchange is self.exchange
+        if exchange is None or not (is_same or exchange.station == self.station):
+            return NO_PROMPT
+        if left < self.at + self.within or now - left > self.within // 8:
+            return NO_PROMPT
+        return Prompt("repeat" if is_same else "request", now - self.at - self.within <= self.within // 8)
 
 
 def request_of(run: Run, x: Exchange) -> OpenRequest:
@@ -141,10 +149,9 @@ class NumberedRequests:
         begin = max(request.at, self._last) if request in self._piled else request.at
         self._last = at
         self._drop([request])
-        if at - request.at > request.within:  # else it was given up before
+        if at - request.at >= request.within:  # else it was given up before
             time = max(at - begin, request.within)
-            is_prompted = request.is_prompted(latest, at)
-            self._slow.answered_late(request.station, time, request.limit(limits), now, is_prompted=is_prompted)
+            self._slow.answered_late(request.station, time, request.limit(limits), now, request.prompt(latest, at))
         return request
 
     def clear(self) -> None:

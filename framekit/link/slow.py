@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from framekit.definition.times import readable_time
 
@@ -13,11 +13,26 @@ WELL, WELL_TIME = 20, 60_000_000_000
 GROWN = 3
 """A longer time is believed after so many longer times in sequence: repeated requests may wait in the device."""
 
+GROWN_IN_DOUBT = 10
+"""So many replies in sequence show that replies are kept if others of the station came late by themselves."""
+
 REMEMBERED = 3_600_000_000_000
 """A station that is slow again within this time after its last late reply (ns) is not reported again."""
 
 STEPS = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
 """Leading digits of suggested time limits."""
+
+
+class Prompt(NamedTuple):
+    """What a late reply came with."""
+
+    by: Literal["", "repeat", "request"]
+    """A repeat of its own request, or a request of a later exchange; empty: neither."""
+    is_just_late: bool
+    """Whether it came just after the time limit, too: a longer time limit may help."""
+
+
+NO_PROMPT = Prompt("", is_just_late=False)
 
 
 class SlowStation(NamedTuple):
@@ -32,6 +47,9 @@ class SlowStation(NamedTuple):
     is_kept: bool = False
     """Whether its replies come only with the next request, so that a longer time limit does not help."""
 
+    is_just_late: bool = False
+    """Whether these replies came just after the time limit, too, so that a longer time limit may nevertheless help."""
+
     @property
     def who(self) -> str:
         """Return the station in words."""
@@ -39,12 +57,13 @@ class SlowStation(NamedTuple):
         return f"station {self.station}" if is_named else "the other side"
 
     def __str__(self) -> str:
-        if self.is_kept:
+        if self.is_kept and not self.is_just_late:
             no_help = f"a longer {self.limit or 'time limit'} does not help"
             return f"{self.who} answers only when it is asked again: {no_help}, a gateway or an adapter keeps replies"
         what = f"set {self.limit} to" if self.limit else "its time limit has to be"
         time, limit = readable_time(rounded(self.time)), readable_time(suggested(self.time))
-        return f"{self.who} answers after {time}: {what} {limit} or more"
+        keeps = "; if that does not help, a gateway or an adapter keeps replies" if self.is_kept else ""
+        return f"{self.who} answers after {time}: {what} {limit} or more{keeps}"
 
 
 def rounded(time: int) -> int:
@@ -94,6 +113,8 @@ class SlowStations:
         self._known: dict[Hashable, _Advice] = {}
         self._prompted: dict[Hashable, int] = {}
         """For each station the number of late replies in sequence that came with the next request."""
+        self._late_alone: set[Hashable] = set()
+        """Stations with late replies that came by themselves."""
         self.number = 0
         """Number of slow stations."""
 
@@ -106,26 +127,28 @@ class SlowStations:
         """Return whether a slow station has answered late within `WELL_TIME`."""
         return any(advice.is_slow and now - advice.late_at < WELL_TIME for advice in self._known.values())
 
-    def answered_late(self, station: Any, time: int, limit: str, now: int, *, is_prompted: bool = False) -> None:
+    def answered_late(self, station: Any, time: int, limit: str, now: int, prompt: Prompt = NO_PROMPT) -> None:
         """Note a reply that came after `time`, and report it if that is new.
 
-        `is_prompted`: it came with the next request. A few such replies in sequence show that they are kept until then.
+        A few replies in sequence that came with a repeat or with the next request show that they are kept until then.
         """
         key = key_of(station)
-        prompted = self._prompted[key] = self._prompted.get(key, 0) + 1 if is_prompted else 0
-        found = SlowStation(station, time, limit, prompted >= GROWN)
+        prompted = self._prompted[key] = self._prompted.get(key, 0) + 1 if prompt.by else 0
+        if not prompt.by:
+            self._late_alone.add(key)
+        is_kept = prompted >= (GROWN_IN_DOUBT if key in self._late_alone else GROWN)
+        found = SlowStation(station, time, limit, is_kept, is_kept and prompt.is_just_late)
         advice = self._known.get(key)
         if advice is None or (not advice.is_slow and now - advice.late_at >= REMEMBERED):
-            if is_prompted and not found.is_kept:
+            if prompt.by == "request" and not is_kept:
                 return
             advice = self._known[key] = _Advice(found)
             self.number = len(self.present)
             self.on_change(advice.found, True)
-        elif found.is_kept != advice.found.is_kept:
-            if found.is_kept:
-                advice.show(found)
-                self.on_change(found, True)
-        elif not is_prompted and (time - advice.found.time) * 4 > advice.found.time:
+        elif is_kept and (not advice.found.is_kept or (advice.found.is_just_late and not prompt.is_just_late)):
+            advice.show(found)
+            self.on_change(found, True)
+        elif not prompt.by and (time - advice.found.time) * 4 > advice.found.time:
             advice.longer.append(time)
             if len(advice.longer) == GROWN:
                 advice.show(SlowStation(station, min(advice.longer), limit))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from framekit.link.slow import REMEMBERED, WELL, WELL_TIME, SlowStation, SlowStations
+from framekit.link.slow import NO_PROMPT, REMEMBERED, WELL, WELL_TIME, Prompt, SlowStation, SlowStations
 
 SECOND = 1_000_000_000
 
@@ -47,3 +47,29 @@ def test_a_station_that_is_slow_again_after_an_hour_is_reported_again() -> None:
         for _ in range(WELL):
             slow.answered_in_time(7, begin + WELL_TIME)
     assert reports == [True, False, True, False] and slow.number == 0
+
+
+ADVICE = "station 7 answers after 1 s: set t to 1.5 s or more"
+JUST_LATE = f"{ADVICE}; if that does not help, a gateway or an adapter keeps replies"
+KEPT = "station 7 answers only when it is asked again: a longer t does not help, a gateway or an adapter keeps replies"
+
+
+@pytest.mark.parametrize(
+    ("prompts", "reported"),
+    [
+        ([Prompt("request", True)] * 6, [JUST_LATE]),
+        ([Prompt("request", True)] * 3 + [Prompt("request", False)] * 3, [JUST_LATE, KEPT]),
+        ([Prompt("request", False)] * 6, [KEPT]),
+        ([Prompt("request", False), Prompt("request", False), NO_PROMPT] * 2, [ADVICE]),
+        ([NO_PROMPT] + [Prompt("request", False)] * 9, [ADVICE]),
+        ([NO_PROMPT] + [Prompt("request", False)] * 10, [ADVICE, KEPT]),
+    ],
+    ids=["just after the limit", "pauses show it", "after pauses", "not in sequence", "in doubt", "many"],
+)  # fmt: skip
+def test_replies_that_come_with_the_next_request(prompts: list[Prompt], reported: list[str]) -> None:
+    reports: list[str] = []
+    slow = SlowStations()
+    slow.on_change = lambda station, is_slow: reports.append(str(station))
+    for at, prompt in enumerate(prompts):
+        slow.answered_late(7, SECOND, "t", at * SECOND, prompt)
+    assert reports == reported

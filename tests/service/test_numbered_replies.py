@@ -218,3 +218,42 @@ def test_an_awaited_frame_with_the_number_of_an_overdue_request_is_handed_over(i
     assert side.engine.late.slow.number == 1
     side.gets(bytes([0x3D, 1, 8]), whole=True)
     assert [value.fields["v"] for value in side.arrived] == ([7, 8] if is_awaited else [8])
+
+
+KEEPS = "a gateway or an adapter keeps replies"
+PERHAPS = f"if that does not help, {KEEPS}"
+NO_HELP = "answers only when it is asked again: a longer reply_timeout does not help"
+
+
+@pytest.mark.parametrize(
+    ("name", "keeps", "pause", "reported"),
+    [
+        ("modbus-tcp", 1.0, 5, f"station 3 {NO_HELP}, {KEEPS}"),
+        ("modbus-tcp", 1.0, 0, f"station 3 answers after 1 s: set reply_timeout to 1.5 s or more; {PERHAPS}"),
+        ("fins-tcp", 0.3, 5, f"station 0 {NO_HELP}, {KEEPS}"),
+        ("df1", 0.3, 5, f"station 3 {NO_HELP}, {KEEPS}"),
+        ("df1", 1.0, 0, f"station 3 answers after 5 s: set reply_timeout to 6 s or more; {PERHAPS}"),
+        ("modbus-rtu", 1.0, 0, f"station 3 {NO_HELP}, {KEEPS}"),
+        ("mldp", 1.0, 5, f"station 3 {NO_HELP}, {KEEPS}"),
+    ],
+)  # fmt: skip
+def test_a_gateway_that_keeps_replies_is_reported_once(name: str, keeps: float, pause: int, reported: str) -> None:
+    """It stays a reply behind. Without pauses its replies may also be those of a device that is a little too slow."""
+    world = LateWorld(name, keeps=keeps)
+    reports: list[str] = []
+    world.service.engine.late.slow.on_change = lambda station, is_slow: reports.append(str(station))
+    for _ in range(25):
+        world.exchange()
+        world.clock.run_for(pause * SECOND)
+    assert reports == [reported] and world.wrong == []
+
+
+@pytest.mark.parametrize("name", ["modbus-rtu", "mldp", "df1"])
+def test_no_gateway_is_suspected_on_a_line_that_loses_replies(name: str) -> None:
+    """The values differ from read to read, and repeats are answered at once. Lost frames of df1 make replies late."""
+    world = LateWorld(name, FaultRule(kind="no_reply", rate=0.3), seed=6)
+    reports: list[str] = []
+    world.service.engine.late.slow.on_change = lambda station, is_slow: reports.append(str(station))
+    world.exchanges(200)
+    assert not any("keeps" in report for report in reports) and world.outcomes["ok"] > 100 and world.wrong == []
+    assert reports == [] or name == "df1"

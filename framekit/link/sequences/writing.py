@@ -463,7 +463,7 @@ class StepWriter:
         arguments.append(literal(tuple((row.queue, row.room) for row in queued)))
         arguments.append(literal(tuple(handlers)))
         timed = step.within is not None or step.complete is not None or step.gap is not None
-        arguments += [str(timed), str(is_numbered(step, self.protocol))]
+        arguments += [str(timed), str(is_numbered(step, sequence, self.protocol))]
         name = self.called("wait")
         self.module.constants[name] = f"Wait({', '.join(arguments)})"
         if self.repeats:
