@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from link.test_df1_commands import Pair
+from link.link_world import SECOND, Side
+from link.test_df1_commands import Pair, text
 
 BROKEN = bytes.fromhex("10 02 05 00 06 00 01 00 03 10 03 00 00")
 
@@ -86,3 +87,13 @@ def test_a_module_without_a_line_of_ours_answers_from_its_state() -> None:
     assert pair.gives("read_counters")["sent"] == 0x0403
     pair.done("reset_counters")
     assert pair.gives("read_counters")["sent"] == 0
+
+
+def test_a_master_measures_the_passes_of_its_poll_lists() -> None:
+    lists = {"normal_nodes": [1, 2], "priority_nodes": [7], "ack_timeout": SECOND, "poll_tries": 1}
+    master = Side(text(), "master", own=0, params=lists)
+    for _ in range(100):
+        master.run(SECOND // 10)
+    scope = master.engine.scope
+    assert (scope["priority_longest"], scope["normal_longest"]) == (10, 20), "no node answers, 1 s each"
+    assert (scope["priority_scan"], scope["normal_scan"]) == (0, 0), "then they are inactive"
