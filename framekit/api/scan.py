@@ -88,6 +88,8 @@ class Scan:
         if "retries" in found.params:
             given.setdefault("retries", "0")
         if timeout is not None:
+            if "reply_timeout" not in found.params:
+                raise RequestError(f"'{found.name}' has no parameter 'reply_timeout' – leave the time limit out")
             given["reply_timeout"] = timeout
         ports = _ports(port, hosts)
         self._of_hosts = bool(hosts)

@@ -164,6 +164,12 @@ def test_options_that_do_not_fit(options: dict[str, Any], what: str) -> None:
         Scan("modbus-rtu", "/dev/null", **options)
 
 
+@pytest.mark.parametrize("name", ["ccm", "rk512-3964r"])
+def test_a_time_limit_that_the_protocol_does_not_have(name: str) -> None:
+    with pytest.raises(framekit.RequestError, match="has no parameter 'reply_timeout' – leave the time limit out"):
+        Scan(name, "/dev/null", own=9, timeout="1 s")
+
+
 def test_hosts() -> None:
     ports = [place.settings.port for place in Scan("modbus-tcp", "tcp://{host}", hosts=["10.0.0.0/30", "plc"])._places]
     assert ports == ["tcp://10.0.0.1:502", "tcp://10.0.0.2:502", "tcp://plc:502"]

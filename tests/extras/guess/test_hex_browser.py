@@ -124,6 +124,18 @@ def test_a_definition_is_shown_with_noise_and_names_are_text(tmp_path: Path) -> 
         assert page.errors() == []
 
 
+def test_a_telephone_shows_whole_rows_of_bytes(tmp_path: Path) -> None:
+    (tmp_path / "meter.txt").write_text(hex_text(polled()), "utf-8")
+    with browser() as page, program(tmp_path, "guess", "meter.txt") as (url, _):
+        page.open(url)
+        page.until(lambda: page.text("#heads").split()[:2] == ["no.", "s"])
+        narrow = {"width": 390, "height": 844, "deviceScaleFactor": 1, "mobile": True}
+        page.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", narrow)
+        page.until(lambda: page.text("#heads").split()[:2] == ["no.", "frame"])
+        assert page.run("const one = document.querySelector('#lines'); return one.scrollWidth <= one.clientWidth")
+        assert page.errors() == []
+
+
 LAST = """return [...document.querySelectorAll('#lines .cells')].filter(one => !one.hidden)
     .map(one => one.firstChild.textContent).filter(Boolean).at(-1)"""
 

@@ -2,7 +2,7 @@
 import { element } from "./parts.js";
 
 const ROW = 22, PAGE = 100, KEPT = 40, TALLEST = 8000000, ASKED_EVERY = 30;
-const LONGEST_NAME = 16, TINTS = 4, BYTE = 3, BORDERS = 8, MORE = 3, WHEEL = 3;
+const LONGEST_NAME = 16, TINTS = 4, BYTE = 3, BORDERS = 8, MORE = 3, WHEEL = 3, SMALL = 480;
 
 export class HexLines {
   // `ask(first, count, kind, width)` brings lines by `put`; `pointed(byte, event)` and `chosen(byte, more)` are told of
@@ -172,10 +172,11 @@ export class HexLines {
       if (page * PAGE < this.of || !page) this.want(page);
   }
 
-  // The columns before the bytes, with their sizes in characters.
+  // The columns before the bytes, with their sizes in characters; times have no room on a telephone.
   get columns() {
+    const timed = this.place.clientWidth < SMALL ? 0 : this.timed;
     const digits = Math.max(3, String(this.rows).length) + 1;
-    return [["number", digits, "right dim", "no."], ["time", this.timed ? Math.max(6, this.timed) + 1 : 0, "right", "s"], ["pause", this.timed ? 7 : 0, "right dim", "+ ms"],
+    return [["number", digits, "right dim", "no."], ["time", timed ? Math.max(6, timed) + 1 : 0, "right", "s"], ["pause", timed ? 7 : 0, "right dim", "+ ms"],
       ["way", 2.5, "", ""], ["kind", this.named(), "kind", "frame"]];
   }
 
