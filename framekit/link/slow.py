@@ -123,9 +123,12 @@ class SlowStations:
         """Return the slow stations."""
         return tuple(advice.found for advice in self._known.values() if advice.is_slow)
 
-    def is_late(self, now: int) -> bool:
-        """Return whether a slow station has answered late within `WELL_TIME`."""
-        return any(advice.is_slow and now - advice.late_at < WELL_TIME for advice in self._known.values())
+    def is_late(self, now: int, station: Any = None) -> bool:
+        """Return whether a slow station has answered late within `WELL_TIME`; with `station`, whether it is this."""
+        return any(
+            advice.is_slow and now - advice.late_at < WELL_TIME and (station is None or key in (key_of(station), None))
+            for key, advice in self._known.items()
+        )
 
     def answered_late(self, station: Any, time: int, limit: str, now: int, prompt: Prompt = NO_PROMPT) -> None:
         """Note a reply that came after `time`, and report it if that is new.

@@ -22,6 +22,10 @@ FULL = 0.9
 """From this share of its time on a line carries no more exchanges: the rest are the pauses between them."""
 LOOK_AGAIN = 10 * SECOND
 """Time between two looks whether a line is overloaded still (ns)."""
+LONG_EXCHANGE = 3 * SECOND
+"""Least time of an exchange under way that makes values too old by itself (ns)."""
+CHANGED = "the channel was removed or changed"
+"""The end of a trouble of a line that an edit has changed."""
 CALM = 60 * SECOND
 """An overload is over when it has made no value too old for this time (ns)."""
 
@@ -122,20 +126,27 @@ class LineDelays:
             self.on_explained(channel)
 
     def forget(self, channel: int) -> None:
-        """End the troubles of a channel that is removed, or made again, without a report."""
+        """End the troubles of a channel that is removed, or made again."""
         for source in self._slow.pop(channel, {}).values():
-            source.forget()
+            source.ends(CHANGED)
         if (overload := self._overloads.get(channel)) is not None:
-            overload.source.forget()
+            overload.source.ends(CHANGED)
 
-    def explains(self, channel: int) -> bool:
-        """Return whether a trouble of the line explains that its values are too old; report an overload that does.
+    def explains(self, channel: int, station: Hashable, blocks: Iterable[BlockState]) -> bool:
+        """Return whether a trouble of the line explains that values of a station are too old; report such an overload.
 
-        A slow station counts for a minute after its last late reply, an overload for `CALM` after its last measurement.
+        `station`: None if the channel has a single station; `blocks`: its blocks. A slow station counts for a minute
+        after its last late reply, an overload for `CALM` after its last measurement. Neither explains a long exchange
+        with another station.
         """
         now, late = self._clock.now(), self._late_of(channel)
-        is_slow = any(source.reason for source in self._slow.get(channel, {}).values())
-        if is_slow and late is not None and late.slow.is_late(now):
+        slow = {key for key, source in self._slow.get(channel, {}).items() if source.reason}
+        own = slow if station is None else slow & {key_of(station), None}
+        if own and late is not None and late.slow.is_late(now, station):
+            return True
+        if any(state.running and now - state.started_at > max(LONG_EXCHANGE, 2 * state.took) for state in blocks):
+            return False
+        if slow and late is not None and late.slow.is_late(now):
             return True
         overload = self._overloads.get(channel)
         demand = None if late is None or late.state_at(now) != "in step" else self._demand(channel)

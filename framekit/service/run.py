@@ -355,9 +355,14 @@ class RunService(ChannelOwner):
         at_work = self.channels.get(channel)
         return None if at_work is None else at_work.engine.late
 
-    def is_explained(self, channel: int) -> bool:
-        """Return whether a reported trouble of a channel explains that values are too old."""
-        return self.delays.explains(channel)
+    def is_explained(self, channel: int, station: Hashable) -> bool:
+        """Return whether a reported trouble of a channel explains that the values of a station are too old."""
+        blocks = [
+            state
+            for state in self.states.values()
+            if state.block.channel == channel and (station is None or self._station_of(state) == station)
+        ]
+        return self.delays.explains(channel, station, blocks)
 
     def under_way(self, channel: int, station: Hashable) -> str:
         """Describe the replies to the exchange under way that could not be used; '' without such replies."""

@@ -82,6 +82,10 @@ PartKey = tuple[int, Hashable, bool]
 COMES_AGAIN = f"it comes and goes: for {lasted(SELDOM)} reported only when it lasts {readable_time(LASTS)}"
 """The end of the last report before short troubles are not reported."""
 GOOD = "good values again"
+EXPLAINED = "explained by the reported trouble of the line"
+NOT_EXPECTED = "no value is expected any more"
+MOVED = "another trouble has taken its place"
+"""Ends of troubles that are not reported any more although no value has come."""
 ANSWERS = "answers again"
 """The end of a trouble whose blocks are all refused now."""
 
@@ -189,14 +193,17 @@ class Part:
                 well = GOOD
             self.source.ends(well)
 
-    def forget(self, item: Item) -> None:
-        """Forget an item that is not expected to have a value any more, or fails in another part, without a report."""
+    def forget(self, item: Item, why: str) -> None:
+        """Forget an item that is not expected to have a value any more, or fails in another part.
+
+        If it was the last of a reported trouble, `why` is reported as its end.
+        """
         del self.failing[item]
         if self.failing:
             self._look_soon()
         else:
             self._cancel()
-            self.source.forget()
+            self.source.ends(why)
 
     def end(self) -> None:
         """Report at once the trouble that waits for its report; no report follows."""
@@ -206,9 +213,9 @@ class Part:
                 self._begin()
 
     def explained(self) -> None:
-        """Report this trouble no longer if the trouble of its line explains it."""
+        """End the report of this trouble if the trouble of its line explains it."""
         if self.source.reason and self._is_explained():
-            self.source.forget()
+            self.source.ends(EXPLAINED)
             self._report_at(self._clock.now() + LASTS)
 
     def _waits_for_cause(self, now: int) -> bool:
@@ -413,8 +420,8 @@ class WatchedRun(Protocol):
     def overdue(self, blocks: Iterable[int], since: int) -> list[int]:
         """Return the blocks that wait since before a time; no block, if a block has ended well since."""
 
-    def is_explained(self, channel: int) -> bool:
-        """Return whether a reported trouble of a channel explains that values are too old."""
+    def is_explained(self, channel: int, station: Hashable) -> bool:
+        """Return whether a reported trouble of a channel explains that the values of a station are too old."""
 
     def under_way(self, channel: int, station: Hashable) -> str:
         """Describe the replies to the exchange under way that could not be used; '' without such replies."""
@@ -501,7 +508,7 @@ class ValueTroubles:
     def forget(self, which: Callable[[int, Item], bool]) -> None:
         """Forget the items of channels that are not expected to have values any more."""
         for channel, item in [key for key in self._part_of if which(*key)]:
-            self._forget(channel, item)
+            self._forget(channel, item, NOT_EXPECTED)
 
     def end(self) -> None:
         """Report at once the troubles that wait for their report; no report follows."""
@@ -526,10 +533,10 @@ class ValueTroubles:
         if part is not None:
             part.well(item, sentence)
 
-    def _forget(self, channel: int, item: Item) -> None:
+    def _forget(self, channel: int, item: Item, why: str = MOVED) -> None:
         part = self._part_of.pop((channel, item), None)
         if part is not None:
-            part.forget(item)
+            part.forget(item, why)
 
     def _key(self, channel: int, station: Hashable, is_alone: bool) -> PartKey:
         """Return the key of a part: the channel alone if its blocks ask one station."""
@@ -552,7 +559,7 @@ class ValueTroubles:
 
     def is_explained(self, key: PartKey) -> bool:
         """Return whether a reported trouble of the line of a part explains that its values are too old."""
-        return self._line.is_explained(key[0])
+        return self._line.is_explained(key[0], key[1])
 
     def explained(self, channel: int) -> None:
         """Note a trouble of a line that explains old values; they are not reported while it lasts."""

@@ -632,6 +632,37 @@ def test_a_slow_station_that_answers_no_longer_explains_no_old_value(tmp_path: P
     assert any("not read for 3 s" in text for text in keeps_old(world, "b", 100))
 
 
+def test_a_slow_station_does_not_explain_a_long_exchange_with_another(tmp_path: Path) -> None:
+    """Station 2 falls silent, and is asked for half a minute: no exchange fails in this time."""
+    points = {name: f'address: "40001", station: {station}, every: 2 s' for name, station in (("a", 1), ("b", 2))}
+    rules = {1: SLOW_FIRST[1], 2: "{fault: no_reply, from: 60 s}"}
+    world = World(write_line(tmp_path, rules, points, ", params: {reply_timeout: 1 s, retries: 30}"))
+    world.run(60)
+    reports = world.run(20)
+    assert any(text.startswith("channel 1, station 2: not read for ") for text in reports), reports
+
+
+def test_a_reported_trouble_that_the_line_explains_later_has_an_end(tmp_path: Path) -> None:
+    world = World(write_line(tmp_path, {1: "", 2: ""}, BOTH, ", params: {reply_timeout: 1 s}"))
+    world.run(2)
+    (begun,) = keeps_old(world, "b", 4)
+    assert begun.startswith("channel 1, station 2: not read for 3 s")
+    slow = world.service.channels[1].engine.late.slow
+    slow.answered_late(1, 4 * SECOND, "reply_timeout", world.clock.now())
+    first, second = [text for *_, text in world.reports[-2:]]
+    assert first == "channel 1: station 1 answers after 4 s: set reply_timeout to 5 s or more"
+    assert second.startswith("channel 1, station 2: explained by the reported trouble of the line after ")
+
+
+def test_a_reported_trouble_of_a_block_that_is_switched_off_has_an_end(tmp_path: Path) -> None:
+    world = World(write_blocks(tmp_path, "{fault: no_reply}"))
+    assert len(world.run(20)) == 1
+    world.service.enable(0, False)
+    assert world.run(1)[-1:] == [] and world.reports[-1][2].startswith(
+        "channel 1: no value is expected any more after "
+    )
+
+
 def test_an_overload_that_is_over_explains_no_old_value(tmp_path: Path) -> None:
     places = range(101, 4101, 100)
     points = {f"p{place}": f'address: "4{place:04}", station: 1, every: 1 s' for place in places}
