@@ -584,7 +584,7 @@ class Engine:
             self.reception.hand_over(value)
         elif not is_taken:
             self._unsolicited(value, is_late)
-        if found is not None and not late.until:
+        if found is not None and late.held_until(found.station) <= self.scope.now:
             self.lanes.release()
 
     def _is_overdue(self, value: FrameValue) -> bool:

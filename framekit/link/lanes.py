@@ -275,28 +275,29 @@ class Lanes:
             send()
         for run in machine.order:
             if run.state is HELD:
-                if late.until > now:
-                    run.deadline = late.until
+                if (until := late.held_until(run.top.x.station)) > now:
+                    run.deadline = until
                 else:
                     machine.go_on(run)
             elif run.state is SILENT and run.doubt is not None and run.doubt.is_draining:
-                run.deadline = max(late.until, now)
+                run.deadline = max(late.held_until(run.top.x.station), now)
         late.on_end()
 
     def hold_over(self, run: Run) -> None:
         """Handle the end of the time for which a run is held back."""
         machine, reception = self.machine, self.reception
-        late, now = machine.late, machine.scope.now
+        late, now, station = machine.late, machine.scope.now, run.top.x.station
         more = late.time(machine.scope, late.within)
         if not machine.receiver.is_empty:  # a late reply may be arriving
-            late.until = max(late.until, machine.output.last_received + more)
-        if late.until <= now:
+            late.holds.extend(station, machine.output.last_received + more)
+        until = late.held_until(station)
+        if until <= now:
             if not (self.listens or reception.awaited):
                 reception.drop_stale()
             self.release()
         elif not late.is_without_end(run.started):
-            run.deadline = late.until
-            late.on_wait(run.top.x.station, late.until)
+            run.deadline = until
+            late.on_wait(station, until)
         else:
             run.cause = "replies that nothing waits for come without end"
             machine.fail_run(run, "late_replies")

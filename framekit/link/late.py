@@ -28,6 +28,7 @@ from framekit.link.arrivals import BadFrame
 from framekit.link.awaited_replies import Replies
 from framekit.link.events import Exchange
 from framekit.link.frame_table import FrameTable
+from framekit.link.holds import LINE, Holds
 from framekit.link.overdue import HORIZON, LONGEST, MOST_OPEN, Latest, NumberedRequests, OpenRequest, request_of
 from framekit.link.scope import Scope
 from framekit.link.sequences.state import Run
@@ -54,10 +55,11 @@ class Doubt:
 
     __slots__ = (
         "asks", "began", "changes", "equal", "extra", "first", "gathers_from", "is_draining", "is_held", "quickest",
-        "reply", "restarts", "result", "since", "was_drained",
+        "reply", "restarts", "result", "since", "station", "was_drained",
     )  # fmt: skip
 
-    def __init__(self, now: int) -> None:
+    def __init__(self, station: Any, now: int) -> None:
+        self.station = station
         self.began = self.gathers_from = now
         """Begin of the exchange in doubt, and of the present gathering of replies (ns)."""
         self.restarts = 0
@@ -93,9 +95,10 @@ class LateReplies:
     """Track the open requests of a line; decide about sending and storing."""
 
     __slots__ = (
-        "_greatest", "_is_stream", "_late", "_proved", "_scope", "_served", "_table", "ahead", "count", "expected",
-        "heard_until", "items", "last", "latest", "lost", "noisy", "numbered", "on_end", "on_wait", "open", "seen_at",
-        "slow", "strange_since", "until", "within",
+        "_expected", "_greatest", "_is_stream", "_late", "_proved", "_scope", "_seen", "_served", "_table", "ahead", "count",
+        "heard_until",
+        "holds", "items", "last", "latest", "lost", "noisy", "numbered", "on_end", "on_wait", "open", "slow",
+        "strange_since", "within",
     )  # fmt: skip
 
     def __init__(self, protocol: Protocol, scope: Scope, table: FrameTable) -> None:
@@ -104,19 +107,18 @@ class LateReplies:
         self._scope, self._table = scope, table
         self.open: list[OpenRequest] = []
         """Requests without a reply, oldest first."""
-        self.until = 0
-        """End of the hold (ns); 0: no hold."""
+        self.holds = Holds()
         self.within = 0
         """Time limit of the last wait for a reply (ns)."""
         self.count = 0
         """Number of requests that were ever open."""
         self.last = 0
         """Time of the last late reply (ns)."""
-        self.seen_at = -1
-        """Time of the last late reply, or of a frame that may answer an unknown request (ns); -1: none came."""
+        self._seen: dict[Hashable, int] = {}
+        """For each station the time of its last late reply; `LINE`: of a frame that may answer an unknown request (ns)."""
         self.lost = 0
         """Number of requests that no reply came to up to the horizon, since the last late reply."""
-        self.expected = NO_REPLIES
+        self._expected = NO_REPLIES
         self.ahead: Ahead | None = None
         """Reads the bytes after a reply; None: they are not read."""
         self.items: list[Callable[[], None]] = []
@@ -141,6 +143,24 @@ class LateReplies:
         that it took for one of them, its requests before that not counted (ns)."""
         self.heard_until = scope.now
         """Time up to which every byte that arrived has been handled; later bytes may wait in the port (ns)."""
+
+    @property
+    def expected(self) -> Replies:
+        """The replies that the exchanges of the role wait for."""
+        return self._expected
+
+    @expected.setter
+    def expected(self, expected: Replies) -> None:
+        self._expected, self.holds.is_by_station = expected, expected.name_stations
+
+    @property
+    def until(self) -> int:
+        """Return the end of the longest hold (ns); 0: no hold."""
+        return self.holds.until
+
+    def seen_at(self, station: Any) -> int:
+        """Return the time of the last late reply, or of a frame that may answer an unknown request (ns); -1: none."""
+        return max(self._seen.get(LINE, -1), self._seen.get(self.holds.key(station), -1))
 
     # ---- requests become open -----------------------------------------------------------------------------
 
@@ -204,8 +224,8 @@ class LateReplies:
             self.last = 0  # this reply came in time: a reply before it did not wait for another one
             self._served.pop(key_of(x.station), None)
         if own and self._is_prompt(run, x, own[0]):
-            self.until = self._scope.now + silence(self._scope.now - run.started, run.longest)
-        elif own or (self.until > self._scope.now and self._may_be_another(x.taken)):
+            self.holds.replace(x.station, self._scope.now + silence(self._scope.now - run.started, run.longest))
+        elif own or (self.held_until(x.station) > self._scope.now and self._may_be_another(x.taken)):
             more = self.time(x.names, run.longest)
             self._hold(x.station, own[0].at if own else run.started, run.longest, more)
             self._hold(x.station, run.started, run.longest, more)
@@ -215,7 +235,7 @@ class LateReplies:
 
         Then the first request, or its reply, was probably lost. The line is out of step all the same.
         """
-        is_late = self.strange_since or self.seen_at >= first.at or self._greatest_of(x.station)
+        is_late = self.strange_since or self.seen_at(x.station) >= first.at or self._greatest_of(x.station)
         return not is_late and self._scope.now - run.started <= run.longest // 8
 
     def _may_be_another(self, reply: FrameValue | None) -> bool:
@@ -236,7 +256,7 @@ class LateReplies:
         within = self.longest()
         more = self.time(scope, within)
         if more and is_asking:
-            self.until = scope.now + within
+            self.holds.extend(None, scope.now + within)
             return True
         if more:
             request = OpenRequest(None, value, scope, scope.now, within)
@@ -269,7 +289,7 @@ class LateReplies:
         now = self._scope.now
         learned = self._greatest_of(station)
         end = max(max(now, started + within) + more, started + learned + learned // 4)
-        self.until = max(self.until, min(end, now + LONGEST + more))
+        self.holds.extend(station, min(end, now + LONGEST + more))
 
     def _greatest_of(self, station: Any) -> int:
         """Return the greatest lateness of a station, reduced with its age."""
@@ -286,19 +306,25 @@ class LateReplies:
         """
         self.expire()
         if any(self._is_too_old(one, self._scope.now) for one in self.open):
-            self.until = max(self.until, self._scope.now)
+            self.holds.extend(None, self._scope.now)
         if not self.open or x.may_repeat():
             return
         kind = None if x.request is None else x.request.frame
         for one in self.open:
             if kind is None or one.asked is None or one.asked.frame == kind:
-                self.until, one.is_passed = max(self.until, one.ends), True
+                self.holds.extend(x.station, one.ends)
+                one.is_passed = True
 
-    def concerns(self, station: Any) -> bool:
-        """Return whether the hold is for requests to this station too."""
+    def held_until(self, station: Any) -> int:
+        """Return until when no request is sent to a station (ns); 0: it has no hold.
+
+        Where replies name their station, that is no later than now if no open request is for this station.
+        """
         if not self.expected.name_stations or not self.open:
-            return True
-        return any(one.station is None or one.station == station for one in self.open)
+            return self.until
+        if any(one.station is None for one in self.open):
+            return self.until
+        return self.holds.end_of(station) if any(one.station == station for one in self.open) else 0
 
     @property
     def has_stations(self) -> bool:
@@ -312,8 +338,10 @@ class LateReplies:
         return "holding" if self.until > now else "out of step"
 
     def time_over(self) -> None:
-        """End the hold. Requests that are still open make the line out of step."""
-        self.until = self.strange_since = 0
+        """End the holds whose time is over. Requests that are still open make the line out of step."""
+        self.holds.drop_over(self._scope.now)
+        if not self.until:
+            self.strange_since = 0
 
     def is_without_end(self, since: int) -> bool:
         """Return whether a request was held back for too long by frames that answer no open request."""
@@ -331,7 +359,8 @@ class LateReplies:
             self.numbered.clear()
             self.open.clear()
             self._served.clear()
-            self.until = self.last = self.strange_since = 0
+            self.last = self.strange_since = 0
+            self.holds.clear()
 
     def take_over(self, before: LateReplies, *, is_same: bool) -> None:
         """Wait for the late replies that a previous engine of the same line waits for; on a stream none can come.
@@ -345,8 +374,9 @@ class LateReplies:
         self.open.sort(key=lambda one: one.at)
         del self.open[:-MOST_OPEN]
         self.count = max(self.count, before.count)
-        self.until, self.last = max(self.until, before.until), max(self.last, before.last)
-        self.within, self.seen_at = max(self.within, before.within), max(self.seen_at, before.seen_at)
+        self.holds.extend(None, before.until)
+        self.within, self.last = max(self.within, before.within), max(self.last, before.last)
+        self._seen[LINE] = max(self._seen.get(LINE, -1), *before._seen.values(), -1)
         for station, (lateness, at) in before._greatest.items():
             if lateness > self._greatest_of(station):
                 self._greatest[station] = lateness, at
@@ -386,18 +416,32 @@ class LateReplies:
             service = self._match(found)
             if not self.expected.is_single:  # it may be one of several frames that answer the request
                 self.open.insert(0, found)
+            if not self._is_awaited(found.station):
+                self.holds.replace(found.station, 0)
             if not self.open:
-                self.until = 0
+                self.holds.clear()
                 return found
         elif is_awaited:
             return None
         else:
-            service, self.seen_at = 0, now
+            service, self._seen[LINE] = 0, now
             self.strange_since = self.strange_since or now
         more = self.time(self._scope, self.within)
         if more:
-            self.until = max(self.until, now + max(more, min(service + service // 4, LONGEST)))
+            self._extend_for(found, now + max(more, min(service + service // 4, LONGEST)))
         return found
+
+    def _is_awaited(self, station: Any) -> bool:
+        """Return whether an open request can have a reply for which requests to a station wait."""
+        by_station = self.expected.name_stations
+        return any(not by_station or one.station is None or one.station == station for one in self.open)
+
+    def _extend_for(self, found: OpenRequest | None, end: int) -> None:
+        """Extend the hold after a late reply to `found`, or after a reply to an unknown request."""
+        if found is None:
+            self.holds.extend(None, end)
+        elif self._is_awaited(found.station):
+            self.holds.extend(found.station, end)
 
     def answers_overdue(self, value: FrameValue) -> OpenRequest | None:
         """Return the overdue request whose number a frame has, or None."""
@@ -432,7 +476,7 @@ class LateReplies:
         now = self._scope.now
         lateness = min(now - request.at, HORIZON * max(1, request.within))  # later, it may be no reply to it
         service, station = self._close(request), key_of(request.station)
-        self.lost, self.seen_at = 0, now
+        self.lost, self._seen[self.holds.key(request.station)] = 0, now
         if lateness > self._greatest_of(station) and not request.by_itself:
             self._greatest[station] = lateness, now
         if not any(key_of(one.station) == station for one in self.open):
@@ -456,8 +500,9 @@ class LateReplies:
     def expire(self) -> None:
         """Drop open requests that no reply is expected for any more."""
         now = self.heard_until
-        if self.until <= now and any(one.ends <= now for one in self.open):
-            self._lose([one for one in self.open if self._is_too_old(one, now)])
+        if any(one.ends <= now for one in self.open):
+            too_old = [one for one in self.open if self._is_too_old(one, now)]
+            self._lose([one for one in too_old if self.held_until(one.station) <= now])
 
     def _is_too_old(self, request: OpenRequest, now: int) -> bool:
         """Return whether no reply to an open request is expected any more.
@@ -501,7 +546,8 @@ class LateReplies:
             added = OpenRequest(None, None, self._scope, now, self.within)
             added.is_foreign, added.is_met, added.station = True, True, own.station if fits_own else None
             self._add(added)
-            added.number, self.until = run.first_open - 1, max(self.until, now + more)
+            added.number = run.first_open - 1
+            self.holds.extend(added.station, now + more)
 
     def _explains(self, request: OpenRequest, value: FrameValue, own: OpenRequest, reply: FrameValue) -> bool:
         """Return whether a further reply may be due to a request; equal requests of an exchange bring equal replies."""
@@ -526,13 +572,13 @@ class LateReplies:
         now, within = self._scope.now, max(1, min(self.within, LONGEST))
         doubt = run.doubt
         if doubt is None:
-            doubt = run.doubt = Doubt(now)
+            doubt = run.doubt = Doubt(x.station, now)
         elif doubt.is_held and self._may_restart(doubt, others):
             self._restart(run, doubt, now)
         doubt.asks.append((request_of(run, x), now))
-        doubt.is_held = self.until > now + silence(now - run.started, within)
+        doubt.is_held = self.held_until(x.station) > now + silence(now - run.started, within)
         content, took = content_of(results, reply), now - run.asked_at
-        if self.seen_at < min(one.at for one in others) and not self._greatest_of(x.station):
+        if self.seen_at(x.station) < min(one.at for one in others) and not self._greatest_of(x.station):
             took = now - run.started  # no reply was late: the last of the repeated requests was answered, presumably
         if doubt.equal and content == doubt.result:
             doubt.equal += 1
@@ -554,7 +600,7 @@ class LateReplies:
             doubt.extra = 0
             return now + silence(took, within)
         if any(one.number >= run.first_open for one in self.open) and self._may_restart(doubt, others):
-            end = max(self.until, now + silence(now - run.started, within))
+            end = max(self.held_until(x.station), now + silence(now - run.started, within))
             self._restart(run, doubt, end)  # one of the requests that gather replies was lost
             return end
         return self._drain(run, doubt)
@@ -572,7 +618,7 @@ class LateReplies:
         """
         if doubt.restarts >= MOST_RESTARTS:
             return False
-        return self.seen_at < min(one.at for one in others) or all(one.is_met for one in others)
+        return self.seen_at(doubt.station) < min(one.at for one in others) or all(one.is_met for one in others)
 
     def _believe(self, run: Run, others: Iterable[OpenRequest] = ()) -> int:
         """Return 0: the reply belongs to the exchange, although it could be the reply to `others`."""
@@ -607,16 +653,16 @@ class LateReplies:
                 one.ends = self._scope.now + min(HORIZON * max(1, self.within), LONGEST)
         self._settle(doubt)
         run.first_open = self.count
-        return self.until
+        return self.held_until(doubt.station)
 
     def _settle(self, doubt: Doubt) -> None:
         """Count the replies of an exchange that are not believed; hold the line for as long as they were late."""
         now, lateness = self._scope.now, self._count(doubt)
         if self.open:
             lateness = min(lateness, HORIZON * max(1, self.within))
-            self.until = max(self.until, min(now + lateness + lateness // 4, now + LONGEST))
+            self.holds.extend(doubt.station, min(now + lateness + lateness // 4, now + LONGEST))
         for one in self.open:
-            one.ends = max(one.ends, self.until)
+            one.ends = max(one.ends, self.held_until(one.station))
 
     def _count(self, doubt: Doubt) -> int:
         """Close the requests that the replies of an exchange in doubt answer, as late replies; return how late."""
@@ -655,13 +701,13 @@ class LateReplies:
             doubt.equal, end = 0, doubt.extra + silence(now - doubt.extra, max(1, self.within))
             doubt.extra = 0
             return end if end > now else 0
-        if self.until > now:
-            return self.until
+        if (end := self.held_until(doubt.station)) > now:
+            return end
         reply = doubt.reply
         fitting = [one for one in self.open if reply is None or self._could_answer(reply, one)]
         end = max((one.ends for one in fitting), default=0)
         if end > now:
-            self.until = end
+            self.holds.extend(doubt.station, end)
             return end
         if doubt.was_drained or not fitting:
             self._lose(fitting)
@@ -744,7 +790,7 @@ def is_held(machine: Any, run: Run, x: Exchange, value: Any, names: Names | None
     A repeat of the bytes that it sent last need not wait: every reply to them is a reply to this request.
     """
     late = machine.late
-    if not x.checks_echo or late.until <= late.heard_until or not late.concerns(x.station):
+    if not x.checks_echo or late.held_until(x.station) <= late.heard_until:
         return False
     last = x.last_sent
     is_same = last is not None and type(value) is FrameValue and machine.table.encode(value, names) == last.raw

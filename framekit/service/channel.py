@@ -560,7 +560,8 @@ class Exchanges:
         if channel is None:
             return 0, False
         late = channel.engine.late
-        return (late.until, late.has_stations) if late.until and late.concerns(station) else (0, False)
+        until = late.held_until(station) if late.until else 0
+        return until, until > 0 and late.has_stations
 
     def prepare(self, number: int, blocks: Iterable[Block]) -> None:
         """Prepare the first starts of the blocks of an open channel."""

@@ -276,8 +276,9 @@ class Machine:
             if "on_byte" in wait.events and not self.receiver.is_empty:
                 return self._go_on(run, level, BYTE, due)
         elif kind is ParkedHold:
-            run.state, run.started, run.deadline = State.HELD, self.scope.now, self.late.until
-            self.late.on_wait(level.x.station, self.late.until)
+            until = self.late.held_until(level.x.station)
+            run.state, run.started, run.deadline = State.HELD, self.scope.now, until
+            self.late.on_wait(level.x.station, until)
         elif kind is Changing:
             run.state, run.deadline = State.CHANGING, NEVER
             run.change.run, run.change.number = run, run.wait_number
