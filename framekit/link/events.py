@@ -236,13 +236,18 @@ class Outcome:
         return "damaged_reply" if self.damaged and self.outcome in NO_REPLY else self.outcome
 
 
+POSTPONED = "postponed"
+"""The outcome of an exchange that lets requests to other stations go first; its caller begins it again."""
+
+
 class Exchange:
     """One run of an `exchange` sequence: `run` names it (None: the role's first). Or what belongs to any other run.
 
     `arguments` are the arguments of the service's call, for sequences that take them; `params` are names for this
     exchange and for the services that its sequences ask for. `expected` are the reply frames the service named, the
-    error frame included. `inside` marks an exchange of an `ask` step: the `done` that its callback got. The engine
-    calls `ended` or `succeeded` once.
+    error frame included. `gives_way`: it ends with `POSTPONED` where it would keep a shared line while its reply is in
+    doubt; its caller begins it again. `inside` marks an exchange of an `ask` step: the `done` that its callback got.
+    The engine calls `ended` or `succeeded` once.
 
     Its sequences share the rest, from `begin` on. `asked` and `last_sent` are what replies have to repeat; `answering`
     and `taken` are what this side answers. `checks_echo`: this is the side that asked. `names`: where parameters
@@ -250,7 +255,7 @@ class Exchange:
     """
 
     __slots__ = (
-        "answering", "arguments", "asked", "buffer", "checks_echo", "expected", "inside", "last_sent",
+        "answering", "arguments", "asked", "buffer", "checks_echo", "expected", "gives_way", "inside", "last_sent",
         "names", "on_done", "outside_session", "params", "refusal", "reply", "reply_buffer", "request", "run",
         "station", "taken",
     )  # fmt: skip
@@ -282,6 +287,7 @@ class Exchange:
         self.run, self.station, self.request, self.buffer, self.expected = run, station, request, buffer, expected
         self.outside_session, self.on_done, self.inside = outside_session, on_done, inside
         self.arguments, self.params = arguments, params
+        self.gives_way = False
 
     def begin(self, scope: Scope, checks_echo: bool = True, copies: bool = True) -> Exchange:
         """Prepare the start of its sequences, with a copy of the request that they may change."""

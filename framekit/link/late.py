@@ -26,6 +26,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.link.ahead import Ahead
 from framekit.link.arrivals import BadFrame
 from framekit.link.awaited_replies import Replies
+from framekit.link.doubts import Doubt, content_of, is_begun_again, silence
 from framekit.link.events import Exchange
 from framekit.link.frame_table import FrameTable
 from framekit.link.holds import LINE, Holds
@@ -50,55 +51,13 @@ FORGET = 600_000_000_000
 NO_REPLIES = Replies(frozenset(), frozenset(), ())
 
 
-class Doubt:
-    """The replies to one exchange while requests before it are open: it runs again until a reply is believed."""
-
-    __slots__ = (
-        "asks", "began", "changes", "equal", "extra", "first", "gathers_from", "is_draining", "is_held", "quickest",
-        "reply", "restarts", "result", "since", "station", "was_drained",
-    )  # fmt: skip
-
-    def __init__(self, station: Any, now: int) -> None:
-        self.station = station
-        self.began = self.gathers_from = now
-        """Begin of the exchange in doubt, and of the present gathering of replies (ns)."""
-        self.restarts = 0
-        self.is_held = False
-        """Whether the line is held after the last reply, so that the next one does not come quickly."""
-        self.asks: list[tuple[OpenRequest, int]] = []
-        """Each request of the exchange that seemed to be answered, and the time of the reply."""
-        self.result: object = None
-        """Content of the last reply."""
-        self.reply: FrameValue | None = None
-        self.first: bytes | None = None
-        """Bytes of the first reply."""
-        self.equal = 0
-        """Number of equal replies in sequence, the last reply included."""
-        self.since = now
-        """Time of the first of these equal replies."""
-        self.changes = 0
-        self.quickest = LONGEST
-        """Shortest time between a request of the exchange and its reply (ns)."""
-        self.extra = 0
-        """Time of the last reply that came without a request."""
-        self.is_draining = self.was_drained = False
-
-    def restart(self, begin: int) -> None:
-        """Gather replies again from `begin` on (ns), after a hold or a lost request."""
-        self.gathers_from, self.quickest = begin, LONGEST
-        self.changes = self.equal = 0
-        self.result = None
-        self.restarts += 1
-
-
 class LateReplies:
     """Track the open requests of a line; decide about sending and storing."""
 
     __slots__ = (
-        "_expected", "_greatest", "_is_stream", "_late", "_proved", "_scope", "_seen", "_served", "_table", "ahead", "count",
-        "heard_until",
-        "holds", "items", "last", "latest", "lost", "noisy", "numbered", "on_end", "on_wait", "open", "slow",
-        "strange_since", "within",
+        "_doubts", "_expected", "_greatest", "_is_stream", "_late", "_proved", "_scope", "_seen", "_served", "_table",
+        "ahead", "count", "heard_until", "holds", "is_shared", "items", "last", "latest", "lost", "noisy", "numbered",
+        "on_end", "on_wait", "open", "slow", "strange_since", "within",
     )  # fmt: skip
 
     def __init__(self, protocol: Protocol, scope: Scope, table: FrameTable) -> None:
@@ -115,7 +74,7 @@ class LateReplies:
         self.last = 0
         """Time of the last late reply (ns)."""
         self._seen: dict[Hashable, int] = {}
-        """For each station the time of its last late reply; `LINE`: of a frame that may answer an unknown request (ns)."""
+        """For each station the time of its last late reply; `LINE`: of a reply to an unknown request (ns)."""
         self.lost = 0
         """Number of requests that no reply came to up to the horizon, since the last late reply."""
         self._expected = NO_REPLIES
@@ -130,6 +89,10 @@ class LateReplies:
         """Called when a request to a station has to wait for late replies, with the end of the wait (ns)."""
         self.on_end: Callable[[], None] = lambda: None
         """Called when requests no longer have to wait for late replies."""
+        self.is_shared: Callable[[], bool] = lambda: False
+        """Called when an exchange would keep the line: whether requests to other stations wait for their turn."""
+        self._doubts: dict[Hashable, Doubt] = {}
+        """The doubts of exchanges that were postponed, by station."""
         self._greatest: dict[Hashable, tuple[int, int]] = {}
         """For each station the greatest lateness, and when it was measured."""
         self._proved: bytes | None = None
@@ -291,6 +254,10 @@ class LateReplies:
         end = max(max(now, started + within) + more, started + learned + learned // 4)
         self.holds.extend(station, min(end, now + LONGEST + more))
 
+    def is_late(self, station: Any) -> bool:
+        """Return whether a reply of a station was late, some minutes ago at the earliest."""
+        return self._greatest_of(station) > 0
+
     def _greatest_of(self, station: Any) -> int:
         """Return the greatest lateness of a station, reduced with its age."""
         measured, at = self._greatest.get(key_of(station), (0, 0))
@@ -305,6 +272,8 @@ class LateReplies:
         Hold it before each exchange if open requests are too old by now, but their replies may wait in the port.
         """
         self.expire()
+        if self._doubts:
+            self._go_on_with(x)
         if any(self._is_too_old(one, self._scope.now) for one in self.open):
             self.holds.extend(None, self._scope.now)
         if not self.open or x.may_repeat():
@@ -314,6 +283,23 @@ class LateReplies:
             if kind is None or one.asked is None or one.asked.frame == kind:
                 self.holds.extend(x.station, one.ends)
                 one.is_passed = True
+
+    def _go_on_with(self, x: Exchange) -> None:
+        """Go on with the doubt of the exchange that was postponed; another exchange with the station ends the doubt.
+
+        End a drain if no late reply can come any more.
+        """
+        key, now = key_of(x.station), self.heard_until
+        doubt = self._doubts.get(key)
+        if doubt is None or self.held_until(x.station) > now:
+            return
+        if doubt.asks and not is_begun_again(x, doubt.asks[-1][0]):
+            del self._doubts[key]
+            self._settle(doubt)
+        elif doubt.is_draining:
+            fitting = self._fitting(doubt)
+            if all(one.ends <= now for one in fitting) and self._end_drain(doubt, fitting):
+                del self._doubts[key]
 
     def held_until(self, station: Any) -> int:
         """Return until when no request is sent to a station (ns); 0: it has no hold.
@@ -359,6 +345,7 @@ class LateReplies:
             self.numbered.clear()
             self.open.clear()
             self._served.clear()
+            self._doubts.clear()
             self.last = self.strange_since = 0
             self.holds.clear()
 
@@ -369,6 +356,9 @@ class LateReplies:
         """
         if self._is_stream or before._is_stream or not self.time(self._scope, max(1, before.within)):
             return
+        for doubt in before._doubts.values():
+            before._settle(doubt)
+        before._doubts.clear()
         added = before.open if is_same else [self._foreign(one) for one in before.open]
         self.open += [one for one in added if one not in self.open]
         self.open.sort(key=lambda one: one.at)
@@ -389,7 +379,7 @@ class LateReplies:
 
     def is_over(self, now: int) -> bool:
         """Return whether no open request, hold or lateness is left for a later engine on the line."""
-        waits = self.until > now or any(one.ends > now for one in self.open)
+        waits = self.until > now or self._doubts or any(one.ends > now for one in self.open)
         return not waits and all(at + FORGET <= now for _, at in self._greatest.values())
 
     # ---- replies that no row takes ------------------------------------------------------------------------
@@ -475,14 +465,20 @@ class LateReplies:
         """Close a request whose reply was late; learn its lateness. Return the time that the device took for it."""
         now = self._scope.now
         lateness = min(now - request.at, HORIZON * max(1, request.within))  # later, it may be no reply to it
-        service, station = self._close(request), key_of(request.station)
+        station = key_of(request.station)
+        before, _ = self._served.get(station, (0, 0))
+        service = self._close(request)
         self.lost, self._seen[self.holds.key(request.station)] = 0, now
         if lateness > self._greatest_of(station) and not request.by_itself:
             self._greatest[station] = lateness, now
-        if not any(key_of(one.station) == station for one in self.open):
+        newest = next((one for one in reversed(self.open) if key_of(one.station) == station), None)
+        if newest is None:
             _, time = self._served.pop(station)
-            if time > request.within and not request.by_itself:
-                limit, prompt = request.limit(self.expected.limits), request.prompt(self.latest, now)
+        else:  # the reply to an older request may be lost
+            time = now - max(newest.at, before)
+        if time > request.within and not request.by_itself:
+            limit, prompt = request.limit(self.expected.limits), request.prompt(self.latest, now)
+            if newest is None or self.slow.is_likely(request.station, is_prompted=bool(prompt.by)):
                 self.slow.answered_late(request.station, time, limit, now, prompt)
         for one in self.open:
             one.ends = max(one.ends, now + min(service + service // 4 + one.within, LONGEST))
@@ -518,6 +514,39 @@ class LateReplies:
         self.open = [one for one in self.open if one not in requests]
 
     # ---- may a reply be stored? ---------------------------------------------------------------------------
+
+    def gives_way(self, run: Run, until: int) -> bool:
+        """Return whether an exchange ends that would wait, so that other stations are asked before `until` (ns).
+
+        An exchange whose replies come quickly goes on.
+        """
+        doubt = run.doubt
+        if until <= self._scope.now or not (self.has_stations and self.is_shared()):
+            return False
+        if doubt is None:
+            return True
+        if doubt.asks and not doubt.is_held:
+            return False
+        if doubt.is_draining:
+            until = max([until, *(one.ends for one in self._fitting(doubt))])
+        self.holds.extend(doubt.station, until)
+        self._doubts[key_of(doubt.station)], run.doubt = doubt, None
+        return True
+
+    def _fitting(self, doubt: Doubt) -> list[OpenRequest]:
+        """Return the open requests that the last reply in doubt may answer."""
+        reply = doubt.reply
+        return [one for one in self.open if reply is None or self._could_answer(reply, one)]
+
+    def _end_drain(self, doubt: Doubt, fitting: list[OpenRequest]) -> bool:
+        """Drop the requests that no reply has come to while the line was draining; return whether the doubt is over."""
+        if doubt.was_drained or not fitting:
+            self._lose(fitting)
+            return True
+        self._lose(fitting[:-1])  # a device may keep a reply until it is asked again
+        doubt.is_draining, doubt.was_drained = False, True
+        doubt.restart(self._scope.now)
+        return False
 
     def note_excess(self, run: Run, x: Exchange, runs: Iterable[Run]) -> None:
         """Note the further replies that have come together with the reply to an exchange.
@@ -572,8 +601,9 @@ class LateReplies:
         now, within = self._scope.now, max(1, min(self.within, LONGEST))
         doubt = run.doubt
         if doubt is None:
-            doubt = run.doubt = Doubt(x.station, now)
-        elif doubt.is_held and self._may_restart(doubt, others):
+            doubt = run.doubt = self._doubts.pop(key_of(x.station), None) or Doubt(x.station, now)
+            doubt.go_on(now)
+        if doubt.is_held and self._may_restart(doubt, others):
             self._restart(run, doubt, now)
         doubt.asks.append((request_of(run, x), now))
         doubt.is_held = self.held_until(x.station) > now + silence(now - run.started, within)
@@ -675,6 +705,8 @@ class LateReplies:
                 self.open.remove(found)
                 lateness = max(lateness, at - found.at)
                 self.last = at
+                key = key_of(found.station)
+                self._served[key] = at, self._served.get(key, (0, 0))[1]
         self.open.sort(key=lambda one: one.at)
         doubt.asks.clear()
         return lateness
@@ -703,35 +735,19 @@ class LateReplies:
             return end if end > now else 0
         if (end := self.held_until(doubt.station)) > now:
             return end
-        reply = doubt.reply
-        fitting = [one for one in self.open if reply is None or self._could_answer(reply, one)]
+        fitting = self._fitting(doubt)
         end = max((one.ends for one in fitting), default=0)
         if end > now:
             self.holds.extend(doubt.station, end)
             return end
-        if doubt.was_drained or not fitting:
-            self._lose(fitting)
+        if self._end_drain(doubt, fitting):
             run.doubt = None
-        else:  # a device may keep a reply until it is asked again
-            self._lose(fitting[:-1])
-            doubt.is_draining, doubt.was_drained = False, True
-            doubt.restart(now)
         return 0
 
     def is_endless(self, run: Run) -> bool:
         """Return whether an exchange has been in doubt for so long that it fails."""
         limit = min(MOST_HOLDS * HORIZON * max(1, self.within), 3 * LONGEST)
         return run.doubt is not None and self._scope.now - run.doubt.began > limit
-
-
-def silence(took: int, within: int) -> int:
-    """Return how long the line has to be silent after a reply in doubt: as long as the reply took, or `within` / 8."""
-    return max(took, within // 8)
-
-
-def content_of(results: dict[str, Any], reply: FrameValue) -> object:
-    """Return the content of a reply and the results, for comparison."""
-    return reply.raw, [one.raw if type(one) is FrameValue else one for one in results.values()]
 
 
 def fresh(value: Any) -> Any:

@@ -16,6 +16,9 @@ GROWN = 3
 GROWN_IN_DOUBT = 10
 """So many replies in sequence show that replies are kept if others of the station came late by themselves."""
 
+UNSURE = 5
+"""A time is believed after so many times more in sequence, if an older request has no reply."""
+
 REMEMBERED = 3_600_000_000_000
 """A station that is slow again within this time after its last late reply (ns) is not reported again."""
 
@@ -115,6 +118,8 @@ class SlowStations:
         """For each station the number of late replies in sequence that came with the next request."""
         self._late_alone: set[Hashable] = set()
         """Stations with late replies that came by themselves."""
+        self._unsure: dict[Hashable, int] = {}
+        """For each station the number of late replies in sequence that came while an older request had no reply."""
         self.number = 0
         """Number of slow stations."""
 
@@ -130,12 +135,21 @@ class SlowStations:
             for key, advice in self._known.items()
         )
 
+    def is_likely(self, station: Any, *, is_prompted: bool) -> bool:
+        """Count a late reply while an older request has no reply; return whether its time is believed.
+
+        The reply may answer the older request, so a single such time may be too short.
+        """
+        number = self._unsure[key_of(station)] = 0 if is_prompted else self._unsure.get(key_of(station), 0) + 1
+        return number > UNSURE
+
     def answered_late(self, station: Any, time: int, limit: str, now: int, prompt: Prompt = NO_PROMPT) -> None:
         """Note a reply that came after `time`, and report it if that is new.
 
         A few replies in sequence that came with a repeat or with the next request show that they are kept until then.
         """
         key = key_of(station)
+        self._unsure.pop(key, None)
         prompted = self._prompted[key] = self._prompted.get(key, 0) + 1 if prompt.by else 0
         if not prompt.by:
             self._late_alone.add(key)

@@ -298,6 +298,13 @@ class BlockState:
         self.running = True
         self.started += 1
 
+    def postponed(self) -> None:
+        """Take back the start of an exchange that begins once more."""
+        if self.starts_left is not None:
+            self.starts_left += 1
+        self.running = False
+        self.started -= 1
+
     def ended(self, failure: Failure | None, now: int) -> None:
         """Count the end of an exchange, a success if `failure` is None."""
         self.running = False

@@ -1,7 +1,8 @@
 """The blocks of one channel that wait: one exchange at a time, silences between them, stations that do not answer.
 
 A station that shares its channel is suspected after its first failed exchange: its blocks are parked, and one of them
-asks at most once in each period, without retries, after the blocks of other stations. A station that has failed often
+asks at most once in each period, without retries, after the blocks of other stations. So is a station that has not
+answered since the port was opened: the first tries of a read are turns of their own. A station that has failed often
 enough for long enough is dead: one of its blocks asks now and then until it answers. While a request to a station would
 have to wait for late replies, and requests to other stations would not, its blocks are delayed. A lane knows neither
 triggers nor exchanges.
@@ -12,7 +13,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from framekit.definition.times import NEVER
 from framekit.run.block_state import Failure
@@ -28,8 +29,19 @@ Entry = tuple[int, int, int, "BlockState"]
 Taken = tuple["BlockState", Hashable]
 """A block whose turn it is, and the station it talks to."""
 
-Held = tuple[int, bool]
-"""Time before which no request to a station is sent (ns), and whether requests to some other station may be sent."""
+
+class Held(NamedTuple):
+    """The wait for late replies of a station."""
+
+    until: int = 0
+    """Time before which no request to it is sent (ns); 0: it may be asked."""
+    others_are_free: bool = False
+    """Whether requests to some other station may be sent meanwhile."""
+    is_late: bool = False
+    """Whether its replies were late: it answers, perhaps after repeats."""
+
+
+NOT_HELD = Held()
 
 ALIVE = frozenset({"refused", "damaged_reply", "unfit_reply", "cannot_store"})
 """Failures after which a station is known to be there."""
@@ -46,6 +58,10 @@ MOST_DOUBLED = 16
 """Failures after which the pause of a suspected station grows no more."""
 
 
+LONGEST_DELAY = 180_000_000_000
+"""After this time (ns) a delayed block waits on the line, where its exchange fails if late replies have no end."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LaneRules:
     """How a channel treats the line and its stations. `stations`: rules of single stations, None for never dead."""
@@ -57,6 +73,8 @@ class LaneRules:
     """Most command blocks that may wait; None: no limit."""
     command_start: int = 0
     """Time after the start of the run before which no command block is taken (ns)."""
+    tries: int = 1
+    """How often an exchange sends its request."""
 
     def dead_rule(self, station: Hashable) -> DeadRule | None:
         return self.stations.get(station, self.dead)
@@ -87,6 +105,8 @@ class _Delay:
 
     until: int
     """Time at which they wait for their turn again, at the latest (ns)."""
+    since: int
+    """Time of the first delay (ns)."""
     entries: list[Entry] = field(default_factory=list)
 
 
@@ -101,7 +121,7 @@ class BlockLane:
         rules: LaneRules,
         station_of: Callable[[BlockState], Hashable],
         order: int = 0,
-        held_until: Callable[[Hashable], Held] = lambda station: (0, False),
+        held_until: Callable[[Hashable], Held] = lambda station: NOT_HELD,
     ) -> None:
         self.order = order
         """Its place among the lanes."""
@@ -124,6 +144,10 @@ class BlockLane:
         """Time before which no block starts (ns)."""
         self.failing: dict[Hashable, _Failing] = {}
         """Stations that do not answer."""
+        self._known: set[Hashable] = set()
+        """Stations that have answered since the port was opened."""
+        self._first_tries: dict[Hashable, int] = {}
+        """For other stations the number of tries of their first reads."""
         self._probed = False
         """Whether the last block asked a station that is suspected or dead."""
         self._last: tuple[Hashable, int] | None = None
@@ -227,6 +251,10 @@ class BlockLane:
             return None
         state, station = taken
         self._probed = state.probing
+        if station not in self._known and station is not None and state.period and state.block.instruction == "read":
+            state.probing = state.probing or (len(self.stations) > 1 and self.rules.tries > 1)
+        if state.probing and self._held_until(station).is_late:
+            state.probing = False  # a single try would never get a value
         self.running[state.id] = station
         return state
 
@@ -316,10 +344,10 @@ class BlockLane:
             return False
         delay = self.delays.get(station)
         if delay is None:
-            until, others_are_free = self._held_until(station)
+            until, others_are_free, _ = self._held_until(station)
             if until <= now or not others_are_free:
                 return False
-            delay = self.delays[station] = _Delay(until)
+            delay = self.delays[station] = _Delay(until, now)
         if delay.until <= now:
             return False
         delay.entries.append(entry)
@@ -330,7 +358,10 @@ class BlockLane:
     def _end_delays(self, now: int) -> None:
         """Put the delayed blocks of stations that may be asked now back among the waiting blocks."""
         for station, delay in list(self.delays.items()):
-            is_free = self._held_until(station)[0] <= now
+            until, others_are_free, _ = self._held_until(station)
+            is_free = until <= now
+            if not is_free and others_are_free:
+                delay.until = max(delay.until, min(until, delay.since + LONGEST_DELAY))
             if is_free or delay.until <= now:
                 entries, delay.entries = delay.entries, []
                 for entry in entries:
@@ -362,8 +393,28 @@ class BlockLane:
             self._slow = station, now
         between = self.rules.silence.between
         self.free_from = now + (least if least > between else between)
+        if failure is None and station not in self._known:
+            self._known.add(station)
         if station is not None and (failure is not None or self.failing):
             self._count_failure(state, station, failure, now)
+
+    def tries_again(self, state: BlockState, failure: Failure | None) -> bool:
+        """Return whether the failure of a read was the first or second try of a station that has not answered yet."""
+        station = self.running[state.id]
+        if not state.probing or station in self._known or station in self.failing or failure is None:
+            return False
+        if failure.outcome in OWN or failure.outcome in ALIVE or failure.device_code is not None:
+            return False
+        tries = self._first_tries[station] = self._first_tries.get(station, 0) + 1
+        return tries < self.rules.tries
+
+    def postponed(self, state: BlockState, now: int) -> None:
+        """Note that an exchange has made way for other stations, and that its block waits again."""
+        station = self.running.pop(state.id)
+        state.probing = False
+        self._last = self._slow = station, now
+        self.free_from = now + self.rules.silence.between
+        self._ask_again(state, station, now)
 
     def _count_failure(self, state: BlockState, station: Hashable, failure: Failure | None, now: int) -> None:
         if failure is not None and failure.outcome in OWN:
@@ -371,6 +422,7 @@ class BlockLane:
             return
         failing = self.failing.get(station)
         if failure is None or failure.outcome in ALIVE or failure.device_code is not None:
+            self._known.add(station)
             if failing is not None:
                 del self.failing[station]
                 for entry in failing.parked:
@@ -419,8 +471,12 @@ class BlockLane:
         if failing is None or failing.ask_at is None or failing.is_dead or rule is None:
             return
         pause = min(failing.period * ((1 << min(failing.failures, MOST_DOUBLED) - 1) - 1), rule.longest_pause)
-        failing.ask_at = max(now + pause, state.started_at + failing.period, self._held_until(station)[0])
+        failing.ask_at = max(now + pause, state.started_at + failing.period, self._held_until(station).until)
         failing.pressing_from = failing.ask_at + failing.period
+
+    def is_failing(self, state: BlockState) -> bool:
+        """Return whether the station of a running block is suspected or dead."""
+        return bool(self.failing) and self.running[state.id] in self.failing
 
     def is_dead(self, station: Hashable) -> bool:
         failing = self.failing.get(station)
@@ -444,3 +500,5 @@ class BlockLane:
             if failing.is_dead:
                 self.changed.append((station, False))
         self.failing.clear()
+        self._known.clear()
+        self._first_tries.clear()

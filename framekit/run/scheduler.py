@@ -13,9 +13,10 @@ from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, 
 from functools import partial
 
 from framekit.definition.times import NEVER
+from framekit.link.events import POSTPONED
 from framekit.memory.memory import DeviceMemory
 from framekit.run.block_state import BlockState, Failure
-from framekit.run.lanes import BlockLane, Held, LaneRules
+from framekit.run.lanes import NOT_HELD, BlockLane, Held, LaneRules
 from framekit.run.model import BLOCKS_IN_SET, Block, Silence
 from framekit.run.triggers import ArmedTriggers, Cycle, Resolve
 
@@ -242,7 +243,7 @@ class Scheduler:
         sets: Mapping[int, bool] | None = None,
         died: Callable[[int, Hashable, bool], None] = lambda channel, station, dead: None,
         look: Callable[[], None] | None = None,
-        held_until: Callable[[int, Hashable], Held] = lambda channel, station: (0, False),
+        held_until: Callable[[int, Hashable], Held] = lambda channel, station: NOT_HELD,
         delayed: Callable[[BlockState, int], None] = lambda state, until: None,
         untaken: Callable[[BlockState], None] = lambda state: None,
     ) -> None:
@@ -474,7 +475,7 @@ class Scheduler:
                 if first is None:  # else the end of the block looks after the lane
                     ready.postpone(lane)
                     continue
-                if lane.waiting and self._joins is not None and not first.probing:
+                if lane.waiting and self._joins is not None and not lane.is_failing(first):
                     self._join(lane, first, self._joins, now)
                 else:
                     first.companions = ()
@@ -494,6 +495,11 @@ class Scheduler:
         if lane.delays and not lane.running:
             self._ready.note(lane)
             self._wake()
+
+    def is_shared(self, channel: int) -> bool:
+        """Return whether the blocks of a channel ask several stations."""
+        lane = self.lanes.get(channel)
+        return lane is not None and len(lane.stations) > 1
 
     def _join(self, lane: BlockLane, state: BlockState, joins: Joins, now: int) -> None:
         """Set the companions of a block: waiting blocks that get their data from its exchange."""
@@ -515,6 +521,9 @@ class Scheduler:
         if not state.running:
             return
         lane = self.lanes[state.lane]
+        if failure is not None and (failure.outcome == POSTPONED or lane.tries_again(state, failure)):
+            self._postpone(state, lane, now)
+            return
         at_once = now - state.started_at < (1 if failure is None else LEAST_TIME)  # real time goes on meanwhile
         lane.ended(state, failure, now, LEAST_TIME if at_once else 0)
         if lane.waiting or lane.failing or lane.delays:
@@ -533,6 +542,19 @@ class Scheduler:
             self._wake()
         else:
             self._look()
+
+    def _postpone(self, state: BlockState, lane: BlockLane, now: int) -> None:
+        """Let a block wait for another turn, before other blocks of its station: blocks of other stations go first.
+
+        The start of its exchange does not count.
+        """
+        state.postponed()
+        lane.postponed(state, now)
+        if state.switched_on and state.set_on and self._active:
+            state.waiting = True
+            heapq.heappush(lane.waiting, (0, -state.block.priority, state.id, state))
+        self._ready.note(lane)
+        self._wake()
 
     def _mark_changes(self, channel: int, lane: BlockLane) -> None:
         """Note a death or a return of stations in the blocks that ask them, and report it."""

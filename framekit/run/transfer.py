@@ -108,7 +108,9 @@ class BlockTransfers:
         client, targets, unit = self.client, block.targets, block.unit
         assert client is not None
         if block.instruction == "read":
-            return client.read_variables(targets, station=station, unit=unit, now=now, on_done=done)
+            transfer = client.read_variables(targets, station=station, unit=unit, now=now, on_done=done)
+            transfer.gives_way = True
+            return transfer
         if block.instruction == "write":
             values = self.values_of(block)
             if len(targets) > 1:
@@ -138,7 +140,9 @@ class BlockTransfers:
 
         try:
             station = self.station_of(reads[0].key[0])
-            return self.client.read(address, station=station, count=count, now=now, on_done=done).commands
+            transfer = self.client.read(address, station=station, count=count, now=now, on_done=done)
+            transfer.gives_way = True
+            return transfer.commands
         except (DeviceMemoryError, *EVALUATION_ERRORS) as error:
             for read in reads:
                 read.key[1](Failure(outcome="cannot_send", cause=explain(error)))
@@ -306,6 +310,7 @@ class BlockRead(Transfer):
     def __init__(self, plan: TransferPlan, engine: Engine, now: int, reads: BlockReads) -> None:
         self._reads = reads
         Transfer.__init__(self, plan, engine, now, self.over)
+        self.gives_way = True
 
     def brought(self, data: bytes, reply: FrameValue | None, buffer: bytes, done: Done) -> None:
         """Store the data; the read may be begun again."""

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from framekit.codec.codec import Codec, compile_protocol
+from framekit.definition.kinds.base import constant_number
 from framekit.definition.model import protocol as model
 from framekit.link.arrivals import BadFrame
 from framekit.link.engine import Engine
@@ -22,7 +23,7 @@ from framekit.link.values import FrameValue
 from framekit.memory.memory import DeviceMemoryError
 from framekit.run.block_state import BlockState, Failure
 from framekit.run.block_words import BlockMemory, SettingError
-from framekit.run.lanes import Held, LaneRules
+from framekit.run.lanes import NOT_HELD, Held, LaneRules
 from framekit.run.model import STATIONED, Block, Channel, JobCommand, JobRecord, RunModel
 from framekit.run.own_memory import AddressedMemory
 from framekit.run.transfer import BlockStarts, BlockTransfers, Ended, Read, neighbours
@@ -92,6 +93,10 @@ class ChannelOwner:
     def goes_on(self, channel: int) -> None:
         """Report that requests no longer wait for late replies."""
 
+    def is_shared(self, channel: int) -> bool:
+        """Return whether blocks of other stations wait while an exchange with a station keeps the channel."""
+        return False
+
     def takes(self, block: int) -> Block | None:
         """Return a RECEIVE block with its present settings; None if it does not accept a frame now."""
         return None
@@ -152,6 +157,7 @@ class ChannelService:
         self.engine.late.slow.on_change = partial(owner.slow, channel.number)
         self.engine.late.on_wait = partial(owner.waits, channel.number)
         self.engine.late.on_end = partial(owner.goes_on, channel.number)
+        self.engine.late.is_shared = partial(owner.is_shared, channel.number)
         if (
             channel.asks
             and channel.wiring.may_hear_itself
@@ -264,9 +270,9 @@ class ChannelService:
 
         return done
 
-    def start_joined(self, reads: Sequence[Read[tuple[Block, Ended]]]) -> None:
+    def start_joined(self, reads: Sequence[Read[tuple[Block, Ended]]], *, repeats: bool = True) -> None:
         """Begin one read for several blocks without parameters of their own; each block gets its own result."""
-        params = self._params_for(reads[0].key[0], True)
+        params = self._params_for(reads[0].key[0], repeats)
         back = self.engine.scope.override(params) if params else lambda: None
         left = len(reads)
 
@@ -558,10 +564,10 @@ class Exchanges:
         """
         channel = self._channels.get(number)
         if channel is None:
-            return 0, False
+            return NOT_HELD
         late = channel.engine.late
         until = late.held_until(station) if late.until else 0
-        return until, until > 0 and late.has_stations
+        return Held(until, until > 0 and late.has_stations, late.is_late(station))
 
     def prepare(self, number: int, blocks: Iterable[Block]) -> None:
         """Prepare the first starts of the blocks of an open channel."""
@@ -609,7 +615,7 @@ class Exchanges:
             elif mine is not None:
                 channel.start_block(mine, partial(self._over, one), now)
         if reads:
-            channel.start_joined(reads)
+            channel.start_joined(reads, repeats=not state.probing)
 
     def _effective(self, state: BlockState) -> Block | None:
         """Return the block with its settings; invalid settings end the exchange, and None is returned."""
@@ -669,7 +675,10 @@ class Exchanges:
 
 def rules_of(channel: Channel) -> LaneRules:
     """Return the rules of the scheduler for a channel."""
+    retries = channel.protocol.params.get(REPEATS)
+    number = channel.params.get(REPEATS, None if retries is None else constant_number(retries.default))
     return LaneRules(
+        tries=1 + number if isinstance(number, int) else 1,
         silence=channel.silence,
         dead=channel.dead,
         stations={station: rules.dead for station, rules in channel.stations.items() if rules.own_dead},

@@ -292,6 +292,10 @@ class RunService(ChannelOwner):
         """Start the blocks that waited for late replies."""
         self.scheduler.look_at(channel)
 
+    def is_shared(self, channel: int) -> bool:
+        """Return whether blocks of other stations wait while an exchange with a station keeps the channel."""
+        return self.scheduler.is_shared(channel)
+
     def _point_changed(self, point: Point, quality: str, why: str) -> None:
         """Report a point without a good value, with the channel and station of its first block."""
         state = self.states.get(point.blocks[0]) if point.blocks else None

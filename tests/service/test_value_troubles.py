@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -354,7 +355,7 @@ def test_the_parts_of_a_line_change_with_its_stations(tmp_path: Path) -> None:
     path.write_text(alone + SECOND_STATION)
     world.service.edit(load_run(path))
     world.run(20)
-    assert [line.partition(":")[0] for line in world.shown] == ["channel 1, station 2", "channel 1, station 1"]
+    assert {line.partition(":")[0] for line in world.shown} == {"channel 1, station 2", "channel 1, station 1"}
     path.write_text(alone)
     world.service.edit(load_run(path))
     world.run(150)
@@ -564,14 +565,13 @@ def test_two_slow_stations_are_two_troubles_for_ten_minutes(late: str, retries: 
     shown = {"1500 ms": "1.5 s: set reply_timeout to 2 s", "3 s": "3 s: set reply_timeout to 4 s"}[late]
     slow = [f"channel 1: station {station} answers after {shown} or more" for station in (2, 1)]
     begun = world.run(590)
-    assert [line for line in begun if "no reply" not in line] == slow
+    assert sorted(line for line in begun if "no reply" not in line) == sorted(slow)
     gets_values = {"1500 ms": 1, "3 s": 2}[late] <= retries
     assert len(begun) == (2 if gets_values else 4), "a station without any value is another trouble"
-    assert ["; ".join(sorted(slow, reverse=True)).replace("; channel 1:", ";")] == [
-        line for line in world.shown if line.startswith("channel 1: ")
-    ]
+    lines = [line.removeprefix("channel 1: ") for line in world.shown if line.startswith("channel 1: ")]
+    assert len(lines) == 1 and sorted(lines[0].split("; ")) == sorted(line.removeprefix("channel 1: ") for line in slow)
     ended = world.run(200)
-    assert len(ended) == len(begun) and all(" again after 1" in line for line in ended)
+    assert len(ended) == len(begun) and all(re.search(r" again after \d+ min", line) for line in ended)
     assert world.shown == []
 
 

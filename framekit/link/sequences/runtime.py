@@ -17,6 +17,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.definition.model.services import NUMBER_BITS
 from framekit.definition.times import NEVER, parse_format
 from framekit.link.events import (
+    POSTPONED,
     Ask,
     Break,
     ChangeLine,
@@ -277,6 +278,9 @@ class Machine:
                 return self._go_on(run, level, BYTE, due)
         elif kind is ParkedHold:
             until = self.late.held_until(level.x.station)
+            if level.x.gives_way and self.late.gives_way(run, until):
+                self.fail_run(run, POSTPONED)
+                return True
             run.state, run.started, run.deadline = State.HELD, self.scope.now, until
             self.late.on_wait(level.x.station, until)
         elif kind is Changing:
@@ -381,6 +385,9 @@ class Machine:
         if run.given_up or self.late.is_endless(run) or not level.x.may_repeat():
             run.cause = "replies cannot be told from those to earlier requests"
             self.fail_run(run, "cancelled" if run.given_up else "late_replies")
+            return True
+        if level.x.gives_way and self.late.gives_way(run, until):
+            self.fail_run(run, POSTPONED)
             return True
         run.state, run.deadline, run.expected, run.candidate = State.SILENT, until, NO_NAMES, None
         self.late.on_wait(level.x.station, until)

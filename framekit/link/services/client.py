@@ -389,7 +389,7 @@ class Transfer(Exchange):
         """The read that may begin it again."""
         self._made = plan.made() if plan.is_new_each_time else plan.sent
         self._next = self._written = 0
-        self.given_up = False
+        self.given_up = self.gives_way = False
         """Begin no further exchange."""
         self.commands: list[Command] = []
         """The commands of the engine because it began."""

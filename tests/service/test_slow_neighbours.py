@@ -1,0 +1,107 @@
+"""A slow station and its neighbours on one line: how long the neighbours are without values, and no value is wrong."""
+
+from __future__ import annotations
+
+from itertools import pairwise, product
+from pathlib import Path
+
+import pytest
+from spread import spread
+
+from framekit.run.block_state import BlockState
+from framekit.runfile.run_file import load_run
+from framekit.service.run import RunService
+from framekit.transport.clock import VirtualClock
+
+SECOND = 1_000_000_000
+FIRST = {"modbus-rtu": "40001", "modbus-ascii": "40001", "mldp": "D1", "ge-rtu": "40001"}
+SLOW_FROM = 20
+"""Time at which station 2 becomes slow (s)."""
+
+
+class Line:
+    """Three stations with places far apart, each with a value of its own; all points are read once a second."""
+
+    def __init__(self, folder: Path, protocol: str, faults: str, places: int, params: str = "") -> None:
+        first = FIRST[protocol]
+        stem, number = first.rstrip("0123456789"), int(first.lstrip("D"))
+        addresses = [f"{stem}{number + 500 * place}" for place in range(places)]
+        self.held: dict[str, int] = {}
+        points = ""
+        for station in (1, 2, 3):
+            values = {address: 1000 * station + place for place, address in enumerate(addresses)}
+            listed = ", ".join(f'"{address}": {value}' for address, value in values.items())
+            text = f"device: d{station}\nprotocol: {protocol}\nstation: {station}\nmemory: {{set: {{{listed}}}}}\n"
+            if station == 2:
+                text += f"faults: {{seed: 2, rules: [{faults}]}}\n"
+            (folder / f"d{station}.device.yaml").write_text(text)
+            for place, (address, value) in enumerate(values.items()):
+                name = f"p{station}_{place}"
+                self.held[name] = value
+                points += f'  {name}: {{channel: 1, station: {station}, address: "{address}", every: 1 s}}\n'
+        port = ",".join(f"d{station}.device.yaml" for station in (1, 2, 3))
+        path = folder / "r.run.yaml"
+        path.write_text(
+            f'run: r\nchannels:\n  1: {{port: "sim:{port}", protocol: {protocol}, '
+            f"params: {{reply_timeout: 1 s{params}}}}}\npoints:\n{points}"
+        )
+        self.clock = VirtualClock()
+        self.good: dict[str, list[int]] = {name: [0] for name in self.held}
+        """Times of good values, by point."""
+        self.wrong: list[str] = []
+        self.service = RunService(load_run(path), self.clock, on_end=self._ended)
+        self.service.start()
+
+    def _ended(self, state: BlockState, ok: bool) -> None:
+        if ok:
+            self.good[state.block.name].append(self.clock.now())
+
+    def run_until(self, time: float) -> None:
+        while self.clock.now() < time * SECOND:
+            self.clock.run_for(SECOND)
+            for point in self.service.points.table:
+                if point.value is not None and point.value != self.held[point.name]:
+                    self.wrong.append(f"{self.clock.now() / SECOND} {point.name}: {point.value}")
+
+    def gap(self, station: int, begin: float, end: float) -> float:
+        """Return the longest time between two values of a point of a station, in a span of time (s)."""
+        gaps = [0]
+        for name, times in self.good.items():
+            if name.startswith(f"p{station}_"):
+                inside = [time for time in times if begin * SECOND <= time <= end * SECOND]
+                gaps += [
+                    later - earlier for earlier, later in pairwise([int(begin * SECOND), *inside, int(end * SECOND)])
+                ]
+        return max(gaps) / SECOND
+
+
+def test_neighbours_of_a_slow_station_wait_for_one_exchange_with_it(tmp_path: Path) -> None:
+    """The device answers one request after the other, 2.5 time limits late: the third request gets a reply.
+
+    A late reply collides with the reply of a neighbour now and then; its request is then open, as it has no reply.
+    """
+    line = Line(tmp_path, "modbus-rtu", f"{{fault: delay, time: 2500 ms, from: {SLOW_FROM} s}}", 1)
+    line.run_until(320)
+    assert line.wrong == []
+    for neighbour in (1, 3):
+        assert line.gap(neighbour, 10, 320) < 4, "a period of 1 s, and the exchange of 2.5 s; it was 23 s"
+        assert len(line.good[f"p{neighbour}_0"]) > 260, "it was 137 and 205"
+    assert len(line.good["p2_0"]) > 35
+
+
+ROWS = list(product(FIRST, (1.2, 1.5, 2.5, 3.5, 6.5, 20), (0, 2), (1, 3), ("", ", rate: 10 %")))
+
+
+@pytest.mark.parametrize(("protocol", "times", "retries", "places", "rate"), spread(ROWS, 24))
+def test_a_slow_station_costs_its_neighbours_its_tries(
+    protocol: str, times: float, retries: int, places: int, rate: str, tmp_path: Path
+) -> None:
+    """Beside its tries a proof takes two time limits at most, and a frame of a neighbour may meet a late reply."""
+    well = SLOW_FROM + 120
+    rule = f"{{fault: delay, time: {int(1000 * times)} ms, from: {SLOW_FROM} s, until: {well} s{rate}}}"
+    line = Line(tmp_path, protocol, rule, places, f", retries: {retries}")
+    line.run_until(well + 60)
+    assert line.wrong == []
+    for neighbour in (1, 3):
+        assert line.gap(neighbour, 10, well + 60) < 1 + (1 + retries) + 2 + 1.2
+    assert line.gap(2, well + 30, well + 60) < 3, "right values 30 s after the device is well"
