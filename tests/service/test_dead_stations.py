@@ -242,7 +242,8 @@ def test_a_station_that_is_dead_at_the_start_costs_its_neighbours_one_time_out(d
     service.start()
     clock.run_for(30 * SECOND)
     for number in {0, 1, 2} - {dead - 1}:
-        assert max(later - earlier for earlier, later in pairwise(good[number])) < 1.1 * SECOND
+        gaps = [later - earlier for earlier, later in pairwise(good[number])]
+        assert max(gaps) < 2.1 * SECOND, "a period and a time-out; it was 3.04 s"
         assert service.states[number].done >= 28
 
 
