@@ -85,6 +85,8 @@ def test_a_fault_is_switched_on_and_off(tmp_path: Path) -> None:
         with program(tmp_path, "run", "asks.run.yaml"):
             page.until(lambda: any(row[6] == "read_holding" for row in page.rows("frames")))
             page.until(lambda: "/s" in page.text("#cards section:nth-child(2) b"))
+            if MAKES_PICTURES:
+                page.until(lambda: float(value(page, "temperature")) > 60)
             page.run("[...document.querySelectorAll('.switch')].find(one => one.innerText == 'No reply').click()")
             page.until(lambda: "time" in page.text(".switch.on .count"))
             page.until(lambda: "No reply is switched on" in page.text("#told"))

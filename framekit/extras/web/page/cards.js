@@ -41,8 +41,8 @@ export class Cards {
 
   paint() {
     for (const { canvas, numbers } of this.cards) {
-      canvas.hidden = numbers.length < 3 * FEWEST;
-      if (!canvas.hidden) sparkline(canvas, numbers, [0, Math.max(1e-3, ...numbers) * 1.1]);
+      canvas.hidden = numbers.length < FEWEST;
+      if (!canvas.hidden) sparkline(canvas, numbers, [0, Math.max(1e-3, ...numbers) * 1.1], numbers.length);
     }
   }
 }

@@ -1,7 +1,7 @@
 // Drawings of numbers over time on a canvas, in the colours of the stylesheet.
 import { element } from "./parts.js";
 
-export const MINUTE = 60, FEWEST = 5;
+export const MINUTE = 60, FEWEST = 15;
 const inks = new Map();
 let probe = null;
 
@@ -39,15 +39,15 @@ function trace(pen, xs, numbers, [low, high], height) {
   pen.stroke();
 }
 
-// The last minute, a number a second, right-aligned; a few numbers are no course yet. A number that stays is a quiet line.
-export function sparkline(canvas, numbers, range = bounds(numbers)) {
+// The last minute, a number a second, right-aligned; `span`: the numbers of the whole width. A few numbers are no course yet. A number that stays is a quiet line.
+export function sparkline(canvas, numbers, range = bounds(numbers), span = MINUTE) {
   const pen = canvas.getContext("2d");
   pen.clearRect(0, 0, canvas.width, canvas.height);
   if (!range || numbers.length < FEWEST) return;
   const known = numbers.filter(number => number !== null), stays = known.every(number => number === known[0]);
   pen.strokeStyle = ink(stays ? "--edge" : "--accent");
   pen.lineWidth = canvas.height / 16;
-  const step = canvas.width / MINUTE, start = canvas.width - step * numbers.length;
+  const step = canvas.width / span, start = canvas.width - step * numbers.length;
   trace(pen, at => start + at * step, numbers, range, canvas.height);
 }
 

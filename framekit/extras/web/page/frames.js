@@ -46,15 +46,22 @@ export class Frames {
     for (const [no, time, channel, way, size, , name, , fields] of what.frames)
       this.rows.push({ key: no, state: name.startsWith("! ") ? "bad" : "", cells: [no, time, channel, way, size, name, fields] });
     this.rows.splice(0, this.rows.length - KEPT);
-    const [good, bad, noise] = what.counts, more = what.missed ? ` · ${count(what.missed)} more than are shown` : "";
-    const hint = at("frame").hidden && this.rows.length ? " · Choose a frame to see its bytes" : "";
-    at("frames").querySelector(".count").textContent = `${count(good)} good · ${count(bad)} bad · ${count(noise)} noise${more}${hint}`;
+    Object.assign(this, { counts: what.counts, missed: what.missed });
+    this.head();
     this.grid.rows = this.rows;
     changed(this.grid);
   }
 
+  // The numbers of frames; before a frame is chosen, what a click does.
+  head() {
+    const [good, bad, noise] = this.counts, more = this.missed ? ` · ${count(this.missed)} more than are shown` : "";
+    const hint = at("frame").hidden && this.rows.length ? " · Choose a frame to see its bytes" : "";
+    at("frames").querySelector(".count").textContent = `${count(good)} good · ${count(bad)} bad · ${count(noise)} noise${more}${hint}`;
+  }
+
   takeFields(what) {
     at("frame").hidden = false;
+    this.head();
     const inside = what.frame && what.frame !== what.what ? ` in ${what.frame}` : "";
     const bytes = what.bytes ?? "", name = `${what.what}${inside} · no. ${what.fields} · ${many(bytes.length / 2, "byte")}`;
     fieldView(at("frame"), what.gone ? `Frame ${what.fields} is no longer kept` : name, bytes, what.rows ?? [], what.fault);

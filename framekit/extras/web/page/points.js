@@ -16,7 +16,7 @@ export class Points {
     const columns = [
       { title: behaves ? "Name" : "Point", look: "strong" }, { title: "Value", look: "right" },
       { title: "Unit", look: "muted unit", name: "unit" },
-      ...(behaves ? [past, write, { title: "Behaviour", look: "muted" }]
+      ...(behaves ? [past, write, { title: "Behaviour", look: "muted rest" }]
         : [{ title: "Quality", look: "quality", widest: WIDEST_QUALITY }, { title: "Age", look: "right muted" }, past, write]),
     ];
     const button = { text: "Write", shown: row => row.writable, pressed: key => this.write(key) };
@@ -39,6 +39,7 @@ export class Points {
     this.grid.hide("unit", !this.list.some(point => point.unit));
     this.groups = [...new Set(this.list.map(point => point.of))];
     const select = at("group"), before = select.value;
+    select.hidden = this.behaves && this.groups.length < 2;
     select.replaceChildren();
     for (const [id, text] of [["", "All"], ["!", "Not good"], ...(this.groups.length > 1 ? this.groups.map(group => [`=${group}`, group]) : [])])
       Object.assign(element("option", select), { value: id, textContent: text });
