@@ -258,11 +258,6 @@ class TroubleSource:
             self.reason = reason
         self._report("changes", f"{self.name}: {reason}")
 
-    def forget(self) -> None:
-        """End the trouble without a report: the part is not used any more."""
-        with self._troubles.lock:
-            self.reason = ""
-
     def ends(self, well: str = "") -> None:
         """Report that the part works again, if it failed; `well` replaces its sentence for the end."""
         with self._troubles.lock:

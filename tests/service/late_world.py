@@ -93,6 +93,7 @@ LINES = {
     "melsec-mc-4e": Line("melsec-mc-4e", registers("D100"), format=None),
     "fins-tcp": Line("fins-tcp", registers("D100"), station=0, format=None),
     "srtp": Line("srtp", registers("R1"), format=None),
+    "iec62056-21": Line("iec62056-21", (), station="", own="", device_own="12", speed=300, format="7E1"),
     "snp": Line("snp", registers("R1"), "master", "slave", "", "M", "S", 19200, "8O1"),
     "snp-x": Line("snp-x", registers("R1"), "master", "slave", bytes(8), bytes(8), bytes(8), 19200, "8O1"),
     "ccm": Line("ccm", registers("R1"), "master", "slave", speed=19200, format="8O1"),

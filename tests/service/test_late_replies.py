@@ -20,6 +20,8 @@ from framekit.run.model import FaultRule
 ALIKE = ("modbus-rtu", "modbus-ascii", "mldp", "ge-rtu", "registers")
 """Protocols whose replies contain no request number. The last is a user's definition, on `standard`."""
 SIX = (*ALIKE, "modbus-tcp")
+NUMBERED = ("melsec-mc-4e", "fins-tcp", "srtp")
+"""Further protocols whose replies contain a request number."""
 MANY = int(os.environ.get("FRAMEKIT_EXCHANGES", "1000"))
 
 LATE = FaultRule(kind="delay", time=1200 * MS, rate=1 / 200)
@@ -54,7 +56,7 @@ def check(world: LateWorld, count: int) -> None:
     assert sum(world.injected.values()) >= count / 400
 
 
-@pytest.mark.parametrize(("name", "plan"), spread(product(SIX, PLANS), 3))
+@pytest.mark.parametrize(("name", "plan"), spread(product((*SIX, *NUMBERED), PLANS), 3))
 def test_no_value_is_that_of_another_request(name: str, plan: str) -> None:
     world = world_of(name, plan)
     check(world, 400)
@@ -338,7 +340,7 @@ def test_no_reply_of_a_slow_device_is_stored_for_another_request_in_many(name: s
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", SIX)
+@pytest.mark.parametrize("name", (*SIX, *NUMBERED))
 def test_no_value_is_that_of_another_request_in_many(name: str) -> None:
     """Two fifths of the exchanges have late replies, one fifth glued, two fifths a short time-out without retries."""
     for plan, fifths in zip(PLANS, (2, 1, 2), strict=False):
