@@ -6,16 +6,21 @@ that the generator reports.
 
 from __future__ import annotations
 
+import functools
+import hashlib
+import os
 import random
 import re
 import shutil
 import struct as packing
 import subprocess
+import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
+from framekit.codec.cache import cache_folder
 from framekit.codec.codec import compile_protocol
 from framekit.codec.errors import EncodeError, FrameError
 from framekit.codec.samples import Sampler
@@ -61,14 +66,56 @@ def gcc(words: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run([GCC, *words], cwd=folder, capture_output=True, text=True)
 
 
+MOST_OBJECTS = 600
+"""How many object files are kept for the next test process; the oldest ones are deleted."""
+
+
+@functools.cache
+def kept_objects() -> Path | None:
+    """Return the folder in the user's cache with the object files of earlier test processes; None without a cache."""
+    cache = cache_folder()
+    if cache is None:
+        return None
+    folder = cache.with_name(f"{cache.name}-c-tests")
+    folder.mkdir(parents=True, exist_ok=True)
+    for old in sorted(folder.glob("*.o"), key=lambda path: path.stat().st_mtime, reverse=True)[MOST_OBJECTS:]:
+        old.unlink(missing_ok=True)
+    return folder
+
+
+@functools.cache
+def gcc_version() -> str:
+    return gcc(["--version"], Path()).stdout
+
+
+def compiled(name: str, folder: Path, flags: list[str]) -> str:
+    """Compile a C file of `folder`, and return the name of its object file.
+
+    The object file of equal sources, flags and compiler is taken from the user's cache: gcc takes most of the time of
+    these tests.
+    """
+    texts = [path.read_text() for path in (folder / f"{name}.c", *sorted(folder.glob("*.h")))]
+    key = hashlib.sha256("\0".join([gcc_version(), *flags, *texts]).encode()).hexdigest()
+    found, kept = folder / f"{name}.o", kept_objects()
+    if kept is not None and (kept / f"{key}.o").exists():
+        shutil.copy(kept / f"{key}.o", found)
+        return found.name
+    done = gcc([*flags, "-c", f"{name}.c", "-o", found.name], folder)
+    assert done.returncode == 0, f"{done.stderr[:4000]}"
+    if kept is not None:
+        with tempfile.NamedTemporaryFile(dir=kept, delete=False) as file:
+            file.write(found.read_bytes())
+        os.replace(file.name, kept / f"{key}.o")
+    return found.name
+
+
 def object_of(made: Generated, folder: Path, flags: list[str]) -> str:
     """Write the C of a protocol to `folder`, compile it unless already done, and return the name of its object file."""
     found = folder / f"{made.name}.o"
     if not found.exists():
         (folder / f"{made.name}.h").write_text(made.header)
         (folder / f"{made.name}.c").write_text(made.source)
-        done = gcc([*flags, "-c", f"{made.name}.c", "-o", found.name], folder)
-        assert done.returncode == 0, f"{done.stderr[:4000]}"
+        compiled(made.name, folder, flags)
     return found.name
 
 
@@ -85,7 +132,8 @@ class CProtocol:
         (folder / "main.c").write_text(_main(made))
         program = folder / "asked"
         flags = [*WARNINGS, "-O0", *(SANITIZERS if sanitized else [])]
-        done = gcc([*flags, "main.c", object_of(made, folder, flags), "-o", program.name], folder)
+        own = object_of(made, folder, flags)
+        done = gcc([*flags, compiled("main", folder, flags), own, "-o", program.name], folder)
         assert done.returncode == 0, f"{done.stderr[:4000]}"
         self.program = program
 
