@@ -181,6 +181,14 @@ def test_long_attach_sets_the_times(world: CommandWorld) -> None:
     assert world.do(7300, *text_words("SNPID1"), 0, 0, *times[:-1], 501) == 0x0E0C
 
 
+def test_names_of_programs_that_the_slave_does_not_have_are_empty(tmp_path: Path) -> None:
+    world = CommandWorld(tmp_path, "snp", "station: SNPID1\nstate: {program: {initial: \"'MAIN'\"}}\n")
+    world.put("R", 100, *[7] * 12)
+    assert world.do(*ATTACH) == 1
+    assert world.do(7209, R, 100, 2) == 1
+    assert world.own("R", 100, 10) == [1, *text_words("MAIN"), 0, 0, 0, 0, 7]
+
+
 def test_diagnostic_status_words(world: CommandWorld) -> None:
     assert world.do(7202, R, 1, 1, R, 100) == 1
     failing = [7202, R, 0, 1, R, 100]
@@ -226,6 +234,12 @@ def test_change_snp_id_of_the_own_slave(tmp_path: Path) -> None:
         ([7213, 1, 0x0A92, 0x0019, 0, 1], 0x140C),
         ([7200, *text_words("SNPID1"), 99, 1], 0x350C),
         ([7216, 1, 3, R, 1], 0x170C),
+        ([7215, 1, 1, 21, R, 161, 0, 0, 0, 0, 2, R, 201, 10, 16, 1, 2], 0x1A0C),
+        ([7215, 1, 1, 22, R, 161, 0, 0, 0, 0, 2, R, 201, 10, 99, 1, 2], 0x190C),
+        ([7215, 1, 1, 22, R, 161, 0, 0, 0, 0, 1, R, 201, 0], 0x190C),
+        ([7215, 1, 1, 22, R, 161, 0, 0, 0, 0, 1, R, 201, 257], 0x190C),
+        ([7215, 1, 1, 22, R, 161, 0, 0, 0, 0, 1, 70, 5, 5], 0x190C),
+        ([7215, 0, 1, 22, R, 161, 0, 0, 0, 0, 1, 70, 1, 1], 0x190C),
         ([7216, 1, 1, R, 1], 0xDD05),
     ],
 )

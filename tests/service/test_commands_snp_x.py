@@ -221,3 +221,35 @@ def test_a_missing_buffer_and_a_break_in_its_place() -> None:
 def test_reads_that_are_too_long(message: str, code: int) -> None:
     """8,000 points from the second of a byte on fill 1,001 bytes: the length is right, the response too long."""
     assert Slave().hears(ATTACH, message) == [code, 0, 1, 0, 1]
+
+
+@pytest.mark.parametrize(
+    ("fault", "frame", "words", "code"),
+    [
+        ("wrong_check", "attach_response", [7101, *ID, 0, R, 1, 4, R, 100], 0x420C),
+        ("no_reply", "attach_response", [7101, *ID, 0, R, 1, 4, R, 100], 0x460C),
+        ("wrong_check", "response", [7101, *ID, 0, R, 1, 4, R, 100], 0x620C),
+        ("no_reply", "response", [7101, *ID, 0, R, 1, 4, R, 100], 0x660C),
+        ("wrong_check", "intermediate", [7102, *ID, 0, R, 1, 4, R, 100], 0x720C),
+        ("no_reply", "intermediate", [7102, *ID, 0, R, 1, 4, R, 100], 0x760C),
+    ],
+)
+def test_the_status_word_says_which_message_is_at_fault(
+    tmp_path: Path, fault: str, frame: str, words: list[int], code: int
+) -> None:
+    world = CommandWorld(tmp_path, "snp-x", f"{DEVICE}faults: {{rules: [{{fault: {fault}, frame: {frame}}}]}}\n")
+    assert world.do(*words) == code
+
+
+def test_a_port_of_both_kinds_hears_x_messages_only() -> None:
+    """A Completion ACK of SNP in place of the X-Response is another message type."""
+    world = TransferWorld("snp-x", "master", "slave", server_own=b"ABCDEF\0\0", station=b"ABCDEF\0\0")
+    client, station, results = world.client, world.station, []
+    world.drivers[0].stop()
+    world.drivers[1].do(lambda now: client.read("%R1", station=station, now=now, on_done=results.append).commands)
+    world.clock.run_for(SECOND // 2)
+    attached = bytes.fromhex("1B 58 41 42 43 44 45 46 00 00 80" + " 00" * 7 + " 17 00 00 00 00 A2")
+    for _ in range(2):
+        world.drivers[1].do(lambda now: world.engine.receive(attached, now))
+        world.clock.run_for(SECOND // 2)
+    assert [result.outcome for result in results] == ["response_type"]
