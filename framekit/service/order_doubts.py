@@ -1,6 +1,6 @@
 """Report points whose words are probably read in the wrong order: an uncommon number that is common in the other order.
 
-The value of such a point stays as it was read, and good: framekit does not guess. The report has both numbers.
+The point keeps its value and its quality: framekit does not guess. The report has both numbers.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from framekit.transport.clock import Clock, Handle
 GATHER = SECOND
 """Time from the first doubt to the report, which has further points in doubt (ns)."""
 ENDS_AFTER = 20
-"""A doubt about a point ends after so many common values, one after the other: a wrong order gives some by chance."""
+"""Number of successive common values after which a doubt ends: a wrong order gives some by chance."""
 MOST_NAMED = 3
 NAME = "order of words"
 REMEDY = "if that is the right value, write the order into the point"
