@@ -417,9 +417,16 @@ class LateReplies:
             service, self._seen[LINE] = 0, now
             self.strange_since = self.strange_since or now
         more = self.time(self._scope, self.within)
-        if more:
+        if more and not (found is not None and self._is_prompted(found)):
             self._extend_for(found, now + max(more, min(service + service // 4, LONGEST)))
         return found
+
+    def _is_prompted(self, request: OpenRequest) -> bool:
+        """Return whether a late reply came with a later request: a device or a gateway has kept it until then.
+
+        A wait does not bring such replies, and the time since their request is no lateness.
+        """
+        return request.prompt(self.latest, self._scope.now).by == "request"
 
     def _is_awaited(self, station: Any) -> bool:
         """Return whether an open request can have a reply for which requests to a station wait."""
@@ -469,7 +476,8 @@ class LateReplies:
         before, _ = self._served.get(station, (0, 0))
         service = self._close(request)
         self.lost, self._seen[self.holds.key(request.station)] = 0, now
-        if lateness > self._greatest_of(station) and not request.by_itself:
+        prompt = request.prompt(self.latest, now)
+        if lateness > self._greatest_of(station) and not request.by_itself and not self._is_prompted(request):
             self._greatest[station] = lateness, now
         newest = next((one for one in reversed(self.open) if key_of(one.station) == station), None)
         if newest is None:
@@ -477,7 +485,7 @@ class LateReplies:
         else:  # the reply to an older request may be lost
             time = now - max(newest.at, before)
         if time > request.within and not request.by_itself:
-            limit, prompt = request.limit(self.expected.limits), request.prompt(self.latest, now)
+            limit = request.limit(self.expected.limits)
             if newest is None or self.slow.is_likely(request.station, is_prompted=bool(prompt.by)):
                 self.slow.answered_late(request.station, time, limit, now, prompt)
         for one in self.open:

@@ -151,3 +151,16 @@ def test_a_station_whose_requests_wait_for_late_replies_lets_its_neighbour_go_fi
     assert quick >= 65, "in 89 s; it was 12"
     assert sum(others) >= 9, "a reply takes 2.5 s, and the late replies to two repeats the same"
     assert not any(state.failed for state in service.states.values())
+
+
+@pytest.mark.parametrize(
+    ("name", "seed"), spread(product(("snp", "snp-x", "ccm", "df1", "mldp", "modbus-rtu", "registers"), (1, 2, 3)), 2)
+)
+def test_values_come_soon_after_replies_that_came_with_the_next_reply(name: str, seed: int) -> None:
+    """A reply that a device or a gateway keeps until the next request is not late: a wait does not bring it."""
+    well = 33 * SECOND
+    world = LateWorld(name, FaultRule(kind="glue", rate=0.1, begin=3 * SECOND, end=well), seed=seed)
+    good = [time for time in poll(world, well + 60 * SECOND) if time > well]
+    assert world.wrong == [] and world.injected["glue"] > 0
+    assert good[0] < well + 30 * SECOND, "snp and ccm needed 57 to 133 s"
+    assert len(good) > 12
