@@ -196,7 +196,7 @@ class SinkFeeder:
         count = self._count()
         return SinkStatus(
             kind=self.kind.word, target=self.kind.target, written=self._written, waiting=count.waiting,
-            dropped=count.lost, problem=store_problem or self.trouble.reason,
+            dropped=count.lost, problem="; ".join(filter(None, (self.trouble.reason, store_problem))),
         )  # fmt: skip
 
     def open(self) -> None:

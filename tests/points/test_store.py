@@ -303,6 +303,16 @@ def test_a_damaged_sample_is_counted_and_holds_nothing_up(tmp_path: Path) -> Non
     assert (server.taken, one.status.dropped, one.status.waiting) == ([0, 2, 3], 1, 0)
 
 
+def test_the_status_names_the_troubles_of_server_and_store(tmp_path: Path) -> None:
+    (tmp_path / "taken").write_text("")
+    one, server = feeder(tmp_path / "taken" / "a.db", threaded=False)
+    server.on_write = gone
+    one.start()
+    one.put(sample(0))
+    assert one.status.problem == f"the server is away; {tmp_path}/taken is no folder"
+    one.stop()
+
+
 def test_a_store_that_cannot_be_read_does_not_stop_the_server(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:  # fmt: skip
