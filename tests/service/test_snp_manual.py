@@ -55,6 +55,17 @@ def test_a_datagram_is_updated_in_real_time_with_and_without_break(use_break: bo
     assert slave.ok("update_datagram", id=1, type=0x81)["values"]["values"] == b"\x87\x00"
 
 
+@pytest.mark.parametrize(("password", "code"), [("", None), ("SECRET", 0x0201)])
+def test_a_real_time_update_of_a_90_70_has_the_level_that_needs_no_password(password: str, code: int | None) -> None:
+    """A14: the implied Attach begins at level 0, and the service needs level 1."""
+    slave = Slave(family="90-70", privilege=1)
+    slave.ok("establish", type=0x81, area_size=18)
+    slave.ok("define_datagram", id=1, type=0x81, points=[point(16, 0, 2)])
+    slave.device.set_entry("passwords", 1, password)
+    result = slave.call("realtime_datagram", id=1)
+    assert result.code == code and result.ok == (code is None)
+
+
 FIVE = [point(8, 4, 5), point(20, 2, 4), point(76, 2, 3), point(70, 81, 6), point(22, 4, 4)]
 
 
