@@ -200,6 +200,12 @@ def test_status_words_of_a_slave_that_travel_in_no_message(messages: list[str], 
     assert Slave().hears(*messages) == [status, 0, 0, aborts, 1]
 
 
+def test_a_read_of_all_slaves_is_an_error_that_travels_in_no_message() -> None:
+    attach = "1B 58 FF FF FF FF FF FF FF FF 00 00 00 00 00 00 00 00 17 00 00 00 00 79"
+    read = "1B 58 FF FF FF FF FF FF FF FF 01 08 00 00 04 00 00 00 17 00 00 00 00 D1"
+    assert Slave().hears(attach, read) == [0x150F, 0, 1, 0, 1]
+
+
 def test_a_missing_buffer_and_a_break_in_its_place() -> None:
     slave = Slave()
     slave.hears(ATTACH, WRITE)

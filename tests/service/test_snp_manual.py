@@ -312,3 +312,9 @@ def test_the_port_of_a_cmm_gives_2048_bytes_at_once() -> None:
     slave = Slave(cmm_port=True, privilege=0, max_bytes=4096)
     assert slave.read("%R1", 1025).code == 0x0D42
     assert slave.read("%M1", 2048 * 8 + 1).code == 0x0D42
+
+
+@pytest.mark.parametrize(("timeouts", "t2", "t3p"), [("usual", 1, 10), ("long", 2, 10), ("none", 0, 0)])
+def test_selections_of_time_outs(timeouts: str, t2: int, t3p: int) -> None:
+    slave = Slave(timeouts=timeouts, privilege=0)
+    assert (slave.device["own_t2"], slave.device["own_t3p"]) == (t2 * SECOND, t3p * SECOND)
