@@ -1,4 +1,4 @@
-"""The table of exit codes in docs/cli.md is complete: every verb is listed, and every listed code occurs.
+"""The table of exit codes in docs/cli/exit-status.md is complete: every verb is listed, and every listed code occurs.
 
 With `--json`, every one of these errors is a JSON object.
 """
@@ -16,7 +16,7 @@ from framekit.cli.common import PortError, VerbError, WordsError
 from framekit.cli.main import main
 from framekit.cli.verb_table import VERBS
 
-PAGE = Path(__file__).parents[2] / "docs" / "cli.md"
+PAGE = Path(__file__).parents[2] / "docs" / "cli" / "exit-status.md"
 
 FILES = {
     "bad.yaml": "protocol: bad\nline: {kind: nothing}\n",
@@ -102,7 +102,7 @@ CASES: dict[tuple[str, int], list[str]] = {
 }
 """(verb, exit code): a command that ends with this code.
 
-`commreq` with 1 is tested in docs/cli.md and with the verb.
+`commreq` with 1 is tested in docs/cli/commreq.md and with the verb.
 """
 
 WITH_JSON = {
@@ -114,7 +114,7 @@ WITH_JSON = {
 
 def table() -> dict[str, dict[int, str]]:
     """Return the exit codes of each verb in the table of the page."""
-    rows = re.findall(r"^\| `(\w+)` \| (.*) \| (.*)\|$", PAGE.read_text("utf-8").partition("## Exit status")[2], re.M)
+    rows = re.findall(r"^\| `(\w+)` \| (.*) \| (.*)\|$", PAGE.read_text("utf-8"), re.M)
     return {verb: {code: text for code, text in ((1, one), (3, three)) if text.strip()} for verb, one, three in rows}
 
 
