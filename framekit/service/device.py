@@ -268,7 +268,7 @@ def devices_of(channel: Channel, folder: Path) -> list[Device]:
 
 def _here(problem: Problem, name: str, channel: Channel) -> Problem:
     """Return a problem at the place in the run that names a device if its file is missing; other problems unchanged."""
-    missing = problem.at.file == name
+    missing = problem.at.file == name and not problem.at.line
     return Problem(channel.port_at, problem.what, problem.todo) if missing else problem
 
 

@@ -54,7 +54,7 @@ class Reader:
     def of_file(self, error: DefinitionError, name: str, at: Position) -> None:
         """Add the problems of a file; a missing file is a problem of the place that names it."""
         for problem in error.problems:
-            missing = problem.at.file == name
+            missing = problem.at.file == name and not problem.at.line
             self.problems.append(Problem(at, problem.what, problem.todo) if missing else problem)
 
     @contextmanager

@@ -64,14 +64,28 @@ def test_a_refusal_names_other_files_and_quotes_none(run_file: Path, rolled: str
     assert "problem" in reason and "framekit check on the gateway" in reason
 
 
-def test_a_device_that_only_the_start_reads_is_not_quoted_either(run_file: Path) -> None:
+@pytest.mark.parametrize("is_relative", [False, True])
+@pytest.mark.parametrize(
+    "change",
+    [
+        ("sim:meter.device.yaml", "sim:db.password"),
+        ("protocol: modbus-tcp", "protocol: db.password"),
+        ("station: 1}", "station: 1, faults: db.password}"),
+        ("run: meter\n", "run: meter\nmemory: db.password\n"),
+    ],
+)
+def test_a_file_that_only_the_start_reads_is_not_quoted_either(
+    run_file: Path, monkeypatch: pytest.MonkeyPatch, is_relative: bool, change: tuple[str, str]
+) -> None:
+    """A gateway may name its run file relative to its own folder."""
     from framekit.api.run import VirtualRun
 
-    rolled = RUN.replace("sim:meter.device.yaml", "sim:db.password")
+    monkeypatch.chdir(run_file.parent)
+    path = Path(run_file.name) if is_relative else run_file
     with pytest.raises(DefinitionError) as wrong:
-        VirtualRun(load_run(run_file, rolled))
+        VirtualRun(load_run(path, RUN.replace(*change)))
     assert "S3cr3t" in str(wrong.value)
-    assert not any("S3cr3t" in reason for reason in refusal(wrong.value, run_file))
+    assert not any("S3cr3t" in reason for reason in refusal(wrong.value, path))
 
 
 def test_problems_of_the_rolled_file_are_quoted_with_their_places(run_file: Path) -> None:
