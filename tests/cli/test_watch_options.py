@@ -125,7 +125,7 @@ def test_what_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
     for words, what in (
         (("--status-every", "soon"), "--status-every: 'soon' is not a time"),
         (("--status-every", "0 s"), "above 0"),
-        (("--capture", str(tmp_path / "none" / "x.pcap")), "No such file"),
+        (("--capture", str(tmp_path / "none" / "x.pcap")), "none does not exist"),
     ):
         assert main(["run", str(TWO), "--virtual", "--for", "1s", *words]) == (1 if words[0] == "--capture" else 2)
         assert what in capsys.readouterr().err

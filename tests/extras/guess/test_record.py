@@ -518,7 +518,7 @@ def test_what_record_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str])
         (3, ["loop://", str(tmp_path / "none"), "-o", file], "no such device"),
         (2, ["loop://", "-o", str(existing)], "is there already"),
         (3, [str(tmp_path / "none"), "--try"], "no such device"),
-        (1, ["loop://", "-o", str(tmp_path / "no" / "x")], "No such file"),
+        (1, ["loop://", "-o", str(tmp_path / "no" / "x")], "no does not exist"),
     ):
         assert main(["record", *words]) == status, words
         assert what in capsys.readouterr().err, words
