@@ -42,6 +42,9 @@ LOSSES, SHORT_HORIZON = 5, 4
 MOST_HOLDS = 5
 """A request fails after so many times the usual hold: frames without a request arrive without end."""
 
+MOST_CHANGES = 6
+"""So many proofs in sequence may begin with the bytes proved before because a value changes just then."""
+
 MOST_RESTARTS = 2
 """An exchange in doubt gathers replies again so many times, after holds and lost requests; then the line drains."""
 
@@ -55,9 +58,9 @@ class LateReplies:
     """Track the open requests of a line; decide about sending and storing."""
 
     __slots__ = (
-        "_doubts", "_expected", "_greatest", "_is_stream", "_late", "_proved", "_scope", "_seen", "_served", "_table",
-        "ahead", "count", "heard_until", "holds", "is_shared", "items", "last", "latest", "lost", "noisy", "numbered",
-        "on_end", "on_wait", "open", "slow", "strange_since", "within",
+        "_behind", "_doubts", "_expected", "_greatest", "_is_stream", "_late", "_proved", "_scope", "_seen", "_served",
+        "_table", "ahead", "count", "heard_until", "holds", "is_shared", "items", "last", "latest", "lost", "noisy",
+        "numbered", "on_end", "on_wait", "open", "slow", "strange_since", "within",
     )  # fmt: skip
 
     def __init__(self, protocol: Protocol, scope: Scope, table: FrameTable) -> None:
@@ -97,6 +100,8 @@ class LateReplies:
         """For each station the greatest lateness, and when it was measured."""
         self._proved: bytes | None = None
         """Bytes of the reply that was proved last."""
+        self._behind = 0
+        """Number of proofs in sequence that began with these bytes, and ended with others."""
         self.strange_since = 0
         """Time of the first frame in this hold that answers no open request; 0: none came."""
         self.noisy = -1
@@ -667,7 +672,12 @@ class LateReplies:
 
     def _note_kept(self, doubt: Doubt, oldest: OpenRequest, x: Exchange, reply: FrameValue) -> None:
         """Note a proof that began with the reply to the last request of the proof before: a device keeps replies."""
-        if doubt.first is not None and doubt.first != reply.raw and doubt.first == self._proved:
+        is_behind = doubt.first is not None and doubt.first != reply.raw and doubt.first == self._proved
+        if doubt.first == reply.raw:
+            self._behind = 0
+            self.slow.answered_itself(x.station)
+        self._behind += is_behind
+        if is_behind and self._behind >= MOST_CHANGES:
             time, limit = self._scope.now - oldest.at, oldest.limit(self.expected.limits)
             self.slow.answered_late(x.station, time, limit, self._scope.now, Prompt("request", is_just_late=False))
         self._proved = reply.raw

@@ -143,6 +143,10 @@ class SlowStations:
         number = self._unsure[key_of(station)] = 0 if is_prompted else self._unsure.get(key_of(station), 0) + 1
         return number > UNSURE
 
+    def answered_itself(self, station: Any) -> None:
+        """Note that the first reply of a proof was the reply to its own request: none was kept before it."""
+        self._prompted.pop(key_of(station), None)
+
     def answered_late(self, station: Any, time: int, limit: str, now: int, prompt: Prompt = NO_PROMPT) -> None:
         """Note a reply that came after `time`, and report it if that is new.
 

@@ -673,3 +673,15 @@ def test_an_overload_that_is_over_explains_no_old_value(tmp_path: Path) -> None:
     reports = keeps_old(world, "p4001", 120)
     assert any("the line keeps up again" in text for text in reports)
     assert any("not read for 3 s" in text for text in reports)
+
+
+def test_a_line_that_loses_replies_to_changing_values_keeps_no_replies(tmp_path: Path) -> None:
+    """A value may change within a proof: that alone is no sign of a gateway that keeps replies."""
+    points = {f"p{at}": f'address: "4{at * 100 + 1:04}", every: 300 ms, station: 1' for at in range(3)}
+    path = write_line(tmp_path, {1: "{fault: no_reply, rate: 5 %}"}, points)
+    behave = "".join(f'  "4{at * 100 + 1:04}": {{counter: 1}}\n' for at in range(3))
+    device = tmp_path / "d1.device.yaml"
+    device.write_text(f"{device.read_text()}behave:\n{behave}")
+    reports = World(path).run(300)
+    assert not any("answers only when it is asked again" in report for report in reports), reports
+    assert len(reports) < 12
