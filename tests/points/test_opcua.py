@@ -114,7 +114,7 @@ def test_a_client_browses_reads_and_subscribes(tmp_path: Path, ports: queue.Queu
             bad = await value_of(client, "flow", lambda one: one.StatusCode.value == ua.StatusCodes.Bad)
             assert bad.Value.Value is None
             reason = await (await client.get_node("ns=2;s=flow").get_child("2:Reason")).read_value()
-            assert reason == "nan is no number"
+            assert reason == "not a number (NaN)"
 
             seen: asyncio.Queue[Any] = asyncio.Queue()
 
