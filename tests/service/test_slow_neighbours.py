@@ -96,7 +96,7 @@ ROWS = list(product(FIRST, (1.2, 1.5, 2.5, 3.5, 6.5, 20), (0, 2), (1, 3), ("", "
 def test_a_slow_station_costs_its_neighbours_its_tries(
     protocol: str, times: float, retries: int, places: int, rate: str, tmp_path: Path
 ) -> None:
-    """In addition to its tries, a proof takes two time limits at most, and a frame of a neighbour may meet a late reply."""
+    """A proof takes two time limits more at most, and a frame of a neighbour may meet a late reply."""
     well = SLOW_FROM + 120
     rule = f"{{fault: delay, time: {int(1000 * times)} ms, from: {SLOW_FROM} s, until: {well} s{rate}}}"
     line = Line(tmp_path, protocol, rule, places, f", retries: {retries}")
