@@ -26,7 +26,7 @@ from framekit.definition.model.protocol import Protocol
 from framekit.link.ahead import Ahead
 from framekit.link.arrivals import BadFrame
 from framekit.link.awaited_replies import Replies
-from framekit.link.doubts import Doubt, content_of, is_begun_again, silence
+from framekit.link.doubts import Doubt, content_of, is_begun_again, short_silence, silence
 from framekit.link.events import Exchange
 from framekit.link.frame_table import FrameTable
 from framekit.link.holds import LINE, Holds
@@ -474,9 +474,12 @@ class LateReplies:
         return service
 
     def _match(self, request: OpenRequest) -> int:
-        """Close a request whose reply was late; learn its lateness. Return the time that the device took for it."""
-        now = self._scope.now
-        lateness = min(now - request.at, HORIZON * max(1, request.within))  # later, it may be no reply to it
+        """Close a request whose reply was late; learn its lateness. Return the least time that it may have taken."""
+        now, last = self._scope.now, self.last
+        # a request that later replies have passed has probably lost its reply: this reply answers a newer request
+        newer = (one.at for one in self.open if one.station == request.station and not one.is_passed)
+        since = max(request.at, next(newer, request.at)) if request.is_passed else request.at
+        lateness = min(now - since, HORIZON * max(1, request.within))  # later, it may be no reply to it
         station = key_of(request.station)
         before, _ = self._served.get(station, (0, 0))
         service = self._close(request)
@@ -495,7 +498,7 @@ class LateReplies:
                 self.slow.answered_late(request.station, time, limit, now, prompt)
         for one in self.open:
             one.ends = max(one.ends, now + min(service + service // 4 + one.within, LONGEST))
-        return service
+        return now - max(since, last)
 
     def _may_be_of(self, request: OpenRequest, reply: FrameValue, station: Any) -> bool:
         """Return whether a reply to a station may be the reply to an open request."""
@@ -623,21 +626,19 @@ class LateReplies:
         content, took = content_of(results, reply), now - run.asked_at
         if self.seen_at(x.station) < min(one.at for one in others) and not self._greatest_of(x.station):
             took = now - run.started  # no reply was late: the last of the repeated requests was answered, presumably
-        if doubt.equal and content == doubt.result:
-            doubt.equal += 1
-        else:
-            doubt.changes += doubt.result is not None
-            doubt.equal, doubt.since, doubt.result = 1, now, content
-        doubt.reply, doubt.first = reply, doubt.first or reply.raw
-        doubt.quickest = min(doubt.quickest, took)
-        possible = min(len(others), 1 + 2 * (now - doubt.since) // within)
+        doubt.note(content, reply, took, now)
+        possible = len(others) if doubt.is_hurried else min(len(others), 1 + 2 * (now - doubt.since) // within)
         if doubt.equal > possible:
             self._note_kept(doubt, others[0], x, reply)
             self._shift(doubt, others)
             own = request_of(run, x)
             return self._believe(run, [one for one in others if not one.is_repeated_by(own)])
+        if self.expected.is_single and x.may_repeat() and doubt.can_hurry(len(others), took, within):
+            doubt.hurried, doubt.extra = doubt.hurried + 1, 0
+            return now + short_silence(took, within)
         gathered, number = now - doubt.gathers_from, len(doubt.asks)
-        if number > 3 and doubt.changes and gathered < within and took <= 2 * doubt.quickest + within // 50:
+        is_usual = gathered < within and took <= 2 * doubt.quickest + within // 50
+        if number - doubt.hurried > 3 and doubt.changes and is_usual:
             return self._believe(run, others)  # the value itself changes; each reply came at its usual time
         if gathered < within and number < MOST_OPEN:
             doubt.extra = 0

@@ -294,11 +294,67 @@ def test_a_request_cannot_have_two_replies(first: str, second: str, protocol: st
     side.read(second, 22)
     side.come(other.replies[0] + side.replies[0])
     assert side.values == []
-    for number in (1, 2):
-        side.until(side.now + 1100 * MS)
+    for number, silence in ((1, 1100), (2, 100)):
+        side.until(side.now + silence * MS)
         assert len(side.sent) == number + 1 and side.values == []
         side.reply(number)
     assert side.values == [[22]]
+
+
+@pytest.mark.parametrize(("lost", "equal"), [(1, 2), (2, 3)])
+def test_short_silences_prove_a_reply_that_comes_more_often_than_open_requests_can_bring_it(
+    lost: int, equal: int
+) -> None:
+    side = Side("modbus-rtu", retries=0)
+    for address in ("40001", "40002")[:lost]:
+        side.read(address, 11)
+        side.until(side.now + 3 * SECOND)
+    side.read("40003", 22)
+    begin = side.now
+    for _ in range(equal - 1):
+        side.until(side.now + 10 * MS)
+        side.reply(-1)
+        assert side.values == ["no_reply"] * lost
+        side.until(side.now + 20 * MS)
+    side.reply(-1)
+    assert side.values == [*["no_reply"] * lost, [22]] and len(side.sent) == lost + equal
+    assert side.now - begin < 125 * MS
+
+
+def test_a_value_that_changes_is_not_proved_by_short_silences() -> None:
+    side = Side("modbus-rtu", retries=0)
+    side.read("40001", 11)
+    side.until(3 * SECOND)
+    side.read("40002", 22)
+    side.reply(0)
+    side.until(side.now + 100 * MS)
+    side.reply(1)
+    side.until(side.now + 100 * MS)
+    assert len(side.sent) == 3 and side.values == ["no_reply"]
+    side.until(side.now + 100 * MS)
+    side.reply(1)
+    assert side.values == ["no_reply", [22]]
+
+
+def test_a_reply_that_later_replies_have_passed_makes_no_hold_longer() -> None:
+    """The first reply is lost. 20 s later another one is 0.5 s late: the next hold is for that, not for 20 s."""
+    side = Side("modbus-rtu", retries=0)
+    side.read("40001", 11)
+    side.until(3 * SECOND)
+    for _ in range(2):
+        side.read("40002", 22)
+        while side.values[-1] == "no_reply" or len(side.values) < 2:
+            side.reply(-1)
+            side.until(side.now + 200 * MS)
+        side.results.pop()
+    side.until(20 * SECOND)
+    side.read("40003", 33)
+    side.until(side.now + 1500 * MS)
+    side.reply(-1)
+    side.read("40003", 33)
+    side.until(side.now + 1100 * MS)
+    begin = side.now
+    assert side.engine.held_until - begin < 3 * SECOND
 
 
 @pytest.mark.parametrize("more", [b"\0", b"\x03\x03", "begun", "damaged"])
