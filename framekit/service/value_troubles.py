@@ -37,6 +37,8 @@ COMES_AND_GOES = (3, 60 * SECOND), (10, 3600 * SECOND)
 """A trouble comes and goes if it was reported so many times within the time (ns) of a pair."""
 SELDOM = 3600 * SECOND
 """Time for which short troubles are not reported, from the last report of a trouble that comes and goes (ns)."""
+MOST_WHILE_SELDOM, LONGER = 3, 6
+"""After so many reports in this time a trouble has to last so many times as long to be reported."""
 FIRST_PAUSE, LONGEST_PAUSE = 10 * SECOND, 600 * SECOND
 """Least time from the begin of a trouble to the report of another cause, and its limit: it doubles (ns)."""
 MOST_NAMED = 3
@@ -79,8 +81,6 @@ ALONE = frozenset({REFUSED, POINT})
 """Kinds that concern single blocks and points: they are a trouble of their own."""
 PartKey = tuple[int, Hashable, bool]
 """Channel, station (None: the channel alone), and whether the kinds of the items are `ALONE`."""
-COMES_AGAIN = f"it comes and goes: for {lasted(SELDOM)} reported only when it lasts {readable_time(LASTS)}"
-"""The end of the last report before short troubles are not reported."""
 GOOD = "good values again"
 EXPLAINED = "explained by the reported trouble of the line"
 NOT_EXPECTED = "no value is expected any more"
@@ -109,6 +109,11 @@ def _is_news(kind: str, reported: Iterable[str]) -> bool:
     `no reply` is no news after `no reply: replies arrived …`, and neither is `replies arrived …`.
     """
     return not any(known == kind or known.startswith(f"{kind}:") or known.endswith(f": {kind}") for known in reported)
+
+
+def comes_again(lasts: int) -> str:
+    """Return the end of the last report before troubles that last less than `lasts` (ns) are not reported."""
+    return f"it comes and goes: for {lasted(SELDOM)} reported only when it lasts {lasted(lasts)}"
 
 
 def failure_text(failure: Failure) -> str:
@@ -147,6 +152,8 @@ class Part:
         """Times of the last reports of a begin (ns)."""
         self._seldom_until = 0
         """Time up to which a short trouble is not reported (ns)."""
+        self._lasts = LASTS
+        """Least time that a trouble lasts to be reported until then (ns)."""
         self._reported: tuple[frozenset[str], int] = frozenset(), 0
         """Kinds of the reported causes, and the number of points and blocks."""
         self._followed: frozenset[str] = frozenset()
@@ -264,8 +271,8 @@ class Part:
         if not self.source.reason and self._waits_for_cause(now):
             return
         if not self.source.reason:
-            if now < self._seldom_until and now - self._since < LASTS:
-                self._report_at(self._since + LASTS)
+            if now < self._seldom_until and now - self._since < self._lasts:
+                self._report_at(self._since + self._lasts)
             else:
                 self._begin()
             return
@@ -303,10 +310,12 @@ class Part:
         self._look_for_silent()
         self._note_report(FIRST_PAUSE)
         reason = self._reason()
-        if now >= self._seldom_until and self._comes_and_goes(now):
+        is_seldom = now < self._seldom_until
+        if len(self._begun) >= MOST_WHILE_SELDOM if is_seldom else self._comes_and_goes(now):
+            self._lasts = min(LONGER * self._lasts, SELDOM) if is_seldom else LASTS
             self._seldom_until = now + SELDOM
             self._begun.clear()
-            reason += f"; {COMES_AGAIN}"
+            reason += f"; {comes_again(self._lasts)}"
         self.source.begins(reason, self._since)
 
     def _note_report(self, pause: int) -> None:

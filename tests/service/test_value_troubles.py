@@ -169,6 +169,18 @@ def test_another_cause_is_reported_but_not_often(tmp_path: Path) -> None:
     assert times[0] - begun[0] > FIRST_PAUSE / SECOND - 0.1
 
 
+def test_troubles_that_last_and_come_again_are_reported_more_and_more_seldom(tmp_path: Path) -> None:
+    """For an hour the device is silent for 20 s of each minute, later for 100 s, and in the end for 15 min."""
+    rules = [f"{{fault: no_reply, from: {at} s, until: {at + 20} s}}" for at in range(10, 3600, 60)]
+    rules += ["{fault: no_reply, from: 3700 s, until: 3800 s}", "{fault: no_reply, from: 3900 s, until: 4800 s}"]
+    reports = World(write(tmp_path, ", ".join(rules))).run(5000)
+    begun = [text for text in reports if "again after" not in text]
+    ends = [text.partition("; it comes and goes: for 60 min ")[2] for text in begun]
+    assert [end for end in ends if end] == [f"reported only when it lasts {time}" for time in ("10 s", "60 s")]
+    assert [text for text in reports if "again after" in text][-1].endswith("good values again after 15 min")
+    assert len(reports) < 40, "it was 124"
+
+
 def test_silence_and_refusals_in_turn_are_two_troubles_that_come_and_go(tmp_path: Path) -> None:
     rules = ", ".join(
         f"{{fault: {'no_reply' if at % 8 else 'error_reply'}, from: {at} s, until: {at + 4} s}}"
@@ -254,7 +266,7 @@ def test_a_trouble_that_comes_and_goes_is_reported_three_times_an_hour(
     begun = [text for _, event, text in world.reports if event == "begins"]
     assert len(begun) == 4 and len(world.reports) == 8
     assert ["comes and goes" in text for text in begun] == [False, False, True, False]
-    assert begun[2].endswith("; it comes and goes: for 60 min reported only when it lasts 10 s")
+    assert begun[2].endswith("; it comes and goes: for 5 min reported only when it lasts 10 s")
 
 
 def test_old_values_after_a_lost_port_are_no_news(tmp_path: Path) -> None:
