@@ -50,6 +50,7 @@ from framekit.link.sequences.state import (
     BYTE,
     CLOSED,
     NOISE,
+    NOT_SENT,
     LaneState,
     Other,
     Run,
@@ -295,8 +296,9 @@ class Engine:
 
     def _only_clocks(self, run: Run) -> list[Command]:
         """Do as `_finish` where the only effect of an event is that the clock of a run begins."""
-        if run.deadline < self.deadline:
-            self.deadline = run.deadline
+        deadline = min(run.deadline, self.output.held_until)
+        if deadline < self.deadline:
+            self.deadline = deadline
         commands = self.output.commands
         if commands:
             self.output.commands = []
@@ -312,6 +314,10 @@ class Engine:
         if run.unsent > 1:
             run.unsent -= 1
             return
+        self._start_clock(run, now)
+
+    def _start_clock(self, run: Run, now: int) -> None:
+        """Start the time limits of a run that has nothing left to send."""
         run.unsent = 0
         if not run.clock_waits or run.state is DONE:
             return
@@ -464,7 +470,7 @@ class Engine:
                 self._settle(ready)
             finally:
                 self.is_busy = False
-        deadline = NEVER
+        deadline = self.output.held_until
         for run in self.machine.order:
             if run.deadline < deadline:
                 deadline = run.deadline
@@ -688,6 +694,9 @@ class Engine:
         if self.reception.looked is not None and receiver.deadline <= now:
             receiver.tick(now)
             return True
+        if self.output.held_until <= now:
+            self._hold_over()
+            return True
         order = self.machine.order
         due = min((run for run in order if run.deadline <= now), key=lambda run: run.deadline, default=None)
         if due is not None:
@@ -716,6 +725,19 @@ class Engine:
             if run.state is not RECEIVING or run.wait_number != number:
                 return
         self.machine.time_up(run)
+
+    def _hold_over(self) -> None:
+        """Drop the frames that clear-to-send has held back too long, and fail each run that does not handle that."""
+        held = self.output.drop_held()
+        reason = "clear-to-send stays off"
+        self.machine.show("trouble", reason=f"{reason}; frames not sent: {len(held)}")
+        for run in dict.fromkeys(item.run for item in held if item.run is not None):
+            if run.state is DONE:
+                continue
+            run.cause = reason
+            self._start_clock(run, self.scope.now)
+            if not self.lanes.handle(run, "on_held", NOT_SENT):
+                self.machine.fail_run(run, "held")
 
     def _keep_alive_at(self) -> int:
         """Return when the session has to be kept alive; never while there is other traffic under way."""

@@ -16,7 +16,7 @@ from framekit.link.events import Exchange, Outcome, Reopen
 from framekit.link.own_echo import EchoState, Suspicion
 from framekit.link.reception import Reception
 from framekit.link.sequences.runtime import Machine
-from framekit.link.sequences.state import Bad, Item, LaneState, Level, Run, State
+from framekit.link.sequences.state import PARKED_EVENTS, Bad, Item, LaneState, Level, Run, State
 from framekit.link.values import FrameValue
 
 HOLD = 100_000_000
@@ -235,12 +235,12 @@ class Lanes:
     def handle(self, run: Run, event: str, value: Any) -> bool:
         """Let a run handle an event, with the effects; return whether it has a handler that applies.
 
-        A break and a lost connection are also for the callers, innermost first.
+        A break, a lost connection and a frame that was not sent are also for the callers, innermost first.
         """
         for level in run.calls():
             if event in level.wait.events:
                 return self.machine.go(run, level, value) or run.state is DONE
-            if event not in ("on_break", "on_closed"):
+            if event not in PARKED_EVENTS:
                 break
         return False
 

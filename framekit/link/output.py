@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable
 
 from framekit.definition.model.sections import Line
-from framekit.definition.times import LineFormat
+from framekit.definition.times import NEVER, LineFormat
 from framekit.link.events import Break, ChangeLine, Command, Send, SetRts
 from framekit.link.scope import Scope
 from framekit.link.stream import marked_in
@@ -22,6 +22,7 @@ class Output:
 
     `is_immediate`: frames go out without a pause or RTS before them. `is_stream`: the port
     has no times of its own, so frames that are due at once go out in one piece: `joined` leaves with `outgoing`.
+    `held_until`: when frames that clear-to-send holds back are dropped (ns).
     `on_change` is called for a change of the line that is done, with whether the line had other settings before.
     """
 
@@ -35,10 +36,12 @@ class Output:
         self.on_change: Callable[[ChangeLine, bool], None] = lambda change, is_other: None
         self.last_sent = self.last_received = scope.now - (1 << 62)
         self.clear_to_send = True
+        self.held_until = NEVER
         self.is_open = False
         self._rts = False
         self._turnaround = compile_optional(line.turnaround)
         self._key_delay = compile_optional(line.key_delay)
+        self._clear_time = compile_optional(line.clear_time)
         self._has_marks = line.has_marks
         self.is_immediate = self._turnaround is None and self._key_delay is None
 
@@ -113,10 +116,29 @@ class Output:
                 self._change(item)
             elif self.clear_to_send:
                 pending.popleft()
+                self.held_until = NEVER
                 self._give(item)
                 return
             else:
+                self._hold()
                 return
+
+    def _hold(self) -> None:
+        """Switch RTS on, which clear-to-send answers, and start the time limit of the hold."""
+        if self._key_delay is not None:
+            self._switch_on()
+        if self._clear_time is not None and self.held_until == NEVER:
+            self.held_until = min(NEVER, self.scope.now + int(self._clear_time(self.scope)))
+
+    def _switch_on(self) -> None:
+        if not self._rts:
+            self._rts = True
+            self.commands.append(SetRts(True))
+
+    def _switch_off(self) -> None:
+        if self._rts and self.outgoing is None:
+            self._rts = False
+            self.commands.append(SetRts(False))
 
     def _give(self, item: Send | Break) -> None:
         self.outgoing = item
@@ -131,9 +153,7 @@ class Output:
         if self._turnaround is not None:
             not_before = max(self.last_sent, self.last_received) + int(self._turnaround(scope))
         if self._key_delay is not None:
-            if not self._rts:
-                self._rts = True
-                self.commands.append(SetRts(True))
+            self._switch_on()
             not_before = max(not_before, scope.now + int(self._key_delay(scope)))
         return not_before if not_before > scope.now else 0
 
@@ -143,9 +163,7 @@ class Output:
         self.last_sent = self.scope.now
         if self.pending:
             self.poll()
-        if self._rts and self.outgoing is None:
-            self._rts = False
-            self.commands.append(SetRts(False))
+        self._switch_off()
         return item
 
     def clear(self) -> None:
@@ -153,7 +171,17 @@ class Output:
         self.pending.clear()
         self.joined.clear()
         self.outgoing = None
+        self.held_until = NEVER
         self._rts = False
+
+    def drop_held(self) -> list[Send | Break]:
+        """Drop and return the frames and breaks that clear-to-send holds back."""
+        self.held_until = NEVER
+        held = [item for item in self.pending if not isinstance(item, ChangeLine)]
+        self.pending = deque(item for item in self.pending if isinstance(item, ChangeLine))
+        self.poll()
+        self._switch_off()
+        return held
 
     @property
     def quiet_since(self) -> int:

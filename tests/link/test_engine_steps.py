@@ -690,6 +690,69 @@ def test_without_clear_to_send_nothing_is_sent() -> None:
     assert side.taken() == [b"\x05"]
 
 
+HELD = "line: {clear_time: 2 s}"
+
+
+def test_a_frame_that_is_held_back_too_long_is_dropped_and_its_exchange_fails() -> None:
+    side = Side(protocol("main:\n  steps:\n    - step: one\n      send: enq", more=HELD), "client")
+    side.do(side.engine.control({"cts": False}, 0))
+    side.ask()
+    side.run(2 * SECOND - 1)
+    assert side.outcomes == [] or side.outcomes[0].ok, "a step that only sends does not wait for the line"
+    side.run(1)
+    assert side.seen[-1].reason == "clear-to-send stays off; frames not sent: 1"
+    side.do(side.engine.control({"cts": True}, side.now))
+    side.run(SECOND)
+    assert side.sent == []
+
+
+def test_the_transmitter_is_switched_on_while_a_frame_is_held_back() -> None:
+    more = "line: {clear_time: 2 s, key_delay: 4 ms}"
+    side = Side(protocol("main:\n  steps:\n    - step: one\n      send: enq", more=more), "client")
+    side.do(side.engine.control({"cts": False}, 0))
+    side.ask()
+    side.run(SECOND)
+    side.do(side.engine.control({"cts": True}, side.now))
+    side.run(SECOND)
+    assert [data for _, data in side.sent] == [b"RTS", b"\x05", b"rts"]
+    side.do(side.engine.control({"cts": False}, side.now))
+    side.ask()
+    side.run(2 * SECOND)
+    assert [data for _, data in side.sent[3:]] == [b"RTS", b"rts"]
+
+
+def test_a_step_that_waits_fails_or_has_a_handler_if_its_frame_is_held_back() -> None:
+    waits = "main:\n  steps:\n    - {step: one, send: enq, receive: [{frame: ack, then: end}], within: 5 s%s}"
+    for handler, outcomes in (
+        ("", ["held"]),
+        (", on_held: {fail: not_clear}", ["not_clear"]),
+        (", on_held: again", []),
+    ):
+        side = Side(protocol(waits % handler, more=HELD), "client")
+        side.do(side.engine.control({"cts": False}, 0))
+        side.ask()
+        side.run(2 * SECOND)
+        assert [outcome.outcome for outcome in side.outcomes] == outcomes
+    side.run(5 * SECOND)
+    assert [outcome.outcome for outcome in side.outcomes] == ["timeout"], "its time limit counts from then on"
+
+
+def test_a_line_that_is_clear_in_time_sends_and_counts_afresh() -> None:
+    waits = "main:\n  steps:\n    - {step: one, send: enq, receive: [{frame: ack, then: end}], retries: 3, on_timeout: resend, within: 3 s}"
+    side = Side(protocol(waits, more=HELD), "client")
+    side.do(side.engine.control({"cts": False}, 0))
+    side.ask()
+    side.run(2 * SECOND - 1)
+    side.do(side.engine.control({"cts": True}, side.now))
+    side.run(0)
+    assert side.taken() == [b"\x05"]
+    side.do(side.engine.control({"cts": False}, side.now))
+    side.run(4 * SECOND)
+    assert side.taken() == [] and side.outcomes == []
+    side.run(2 * SECOND)
+    assert [outcome.outcome for outcome in side.outcomes] == ["held"]
+
+
 # ---- serving -----------------------------------------------------------------------------------------------
 
 

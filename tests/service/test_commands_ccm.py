@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 from command_world import SECOND, CommandWorld
 
+from framekit.transport.simulated_line import SimulatedPort
+
 LENGTH, PORT, VALUES = 0x0002, 0x0003, 0x0004
 """Status words of the three errors whose numbers are not in the manual."""
 
@@ -233,3 +235,24 @@ def test_a_command_without_timers_ends_by_its_own(tmp_path: Path) -> None:
     before = world.clock.now()
     assert world.do(6101, 5, 1, 101, 1, 200) == error(2)
     assert 30 <= (world.clock.now() - before) / SECOND <= 31
+
+
+def test_cts_that_stays_off(world: CommandWorld) -> None:
+    port = world.service.channels[1].driver.port
+    assert isinstance(port, SimulatedPort)
+    port.signal({"cts": False})
+    assert world.do(6101, 5, 1, 101, 1, 200) == error(26)
+    assert world.do(6003, 0, 0, 1, 1, 600) == 1 and world.own("R", 600) == [26]
+    port.signal({"cts": True})
+    assert world.do(6101, 5, 1, 101, 1, 200) == 1 and world.own("R", 200) == [11]
+
+
+def test_a_slave_whose_cts_stays_off(tmp_path: Path) -> None:
+    world = CommandWorld(tmp_path, "ccm", DEVICE + "params: {cts_time: 500 ms}\n", ", role: master, own: 1")
+    port = world.there.driver.port
+    assert isinstance(port, SimulatedPort)
+    port.signal({"cts": False})
+    assert world.do(6101, 5, 1, 101, 1, 200) == error(23), "the slave does not answer"
+    assert world.there.engine.scope["last_error"] == 26
+    port.signal({"cts": True})
+    assert world.do(6101, 5, 1, 101, 1, 200) == 1

@@ -44,6 +44,7 @@ HANDLERS = {
     "on_noise": "When unusable bytes have come.",
     "on_break": "When the line was in break state.",
     "on_closed": "When the connection is closed; default: fail.",
+    "on_held": "When clear-to-send was off longer than clear_time of the line, so a frame was not sent; default: fail.",
     "on_exhausted": "When resend has used up the retries; default: fail.",
     "on_fail": "When the called sequence or the service fails; default: fail too.",
     "on_byte": "Any byte ends the wait this way.",

@@ -137,6 +137,8 @@ class Line:
     format: str = keys({"format": {}}, _format, default="8N1")
     turnaround: Expression | None = key("turnaround", TIME, default=None)
     key_delay: Expression | None = key("key_delay", TIME, default=None)
+    clear_time: Expression | None = key("clear_time", TIME, default=None)
+    """Longest time for which clear-to-send may hold back frames; None: no limit."""
     late: Expression | None = key("late", TIME, default=None)
     """Time after its time limit in which a reply may still arrive; None: as long as the limit itself."""
     tcp: int | None = key("tcp", NUMBER, default=None)

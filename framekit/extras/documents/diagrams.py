@@ -21,6 +21,7 @@ EVENTS = {
     "on_noise": "noise",
     "on_break": "break",
     "on_closed": "closed",
+    "on_held": "not clear to send",
     "on_exhausted": "retries used up",
     "on_fail": "it failed",
     "on_byte": "a byte",

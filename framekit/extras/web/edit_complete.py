@@ -367,7 +367,7 @@ _SOURCES: Mapping[str, Callable[[_Names], Iterator[tuple[str, str]]]] = {
     "definitions": _Names.definitions,
 }
 """Names with descriptions that are no names of a section."""
-_WHERE_TO = "then else on_timeout on_bad on_other on_noise on_break on_closed on_exhausted on_fail"
+_WHERE_TO = "then else on_timeout on_bad on_other on_noise on_break on_closed on_held on_exhausted on_fail"
 _ROWS: tuple[tuple[str, str, str], ...] = (
     ("protocol", "frame of", "frames groups"),
     ("protocol", "group", "groups"),

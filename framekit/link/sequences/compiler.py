@@ -235,7 +235,7 @@ _USED = (
     "unclear",
 )  # fmt: skip
 _OF_RUNS = (
-    "AGAIN", "BREAK", "BYTE", "CLOSED", "GO", "NOISE", "NOT_TAKEN", "RESTART", "TIMEOUT", "Asking", "Bad",
+    "AGAIN", "BREAK", "BYTE", "CLOSED", "GO", "NOISE", "NOT_SENT", "NOT_TAKEN", "RESTART", "TIMEOUT", "Asking", "Bad",
     "Changing", "CompiledSequence", "Failed", "Item", "Other", "ParkedCall", "ParkedHold", "Pause", "State", "Wait",
 )  # fmt: skip
 _GLOBALS: dict[str, Any] = {

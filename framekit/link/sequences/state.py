@@ -63,7 +63,11 @@ class Event:
         return self.name
 
 
-GO, TIMEOUT, NOISE, BREAK, CLOSED, BYTE = map(Event, ("GO", "TIMEOUT", "NOISE", "BREAK", "CLOSED", "BYTE"))
+GO, TIMEOUT, NOISE, BREAK, CLOSED, NOT_SENT, BYTE = map(
+    Event, ("GO", "TIMEOUT", "NOISE", "BREAK", "CLOSED", "NOT_SENT", "BYTE")
+)
+PARKED_EVENTS = ("on_break", "on_closed", "on_held")
+"""Handlers of events that do not wait for a row: they apply in every wait, and to the callers too."""
 
 
 class Bad:

@@ -54,6 +54,7 @@ from framekit.link import late
 from framekit.link.awaited_replies import is_numbered
 from framekit.link.frame_table import FrameTable
 from framekit.link.sequences import runtime
+from framekit.link.sequences.state import PARKED_EVENTS
 from framekit.link.value_source import SourceModule, ValueNames, ValueWriter
 from framekit.link.variables import empty_of
 
@@ -411,7 +412,7 @@ class StepWriter:
 
     def park(self, what: str, doing: str = PARKED) -> None:
         """Write a wait for an event other than a row, with a loop for the handlers that may apply meanwhile."""
-        events = self.handlers("on_break", "on_closed", *(("on_byte",) if what == "pause" else ()))
+        events = self.handlers(*PARKED_EVENTS, *(("on_byte",) if what == "pause" else ()))
         always = self.sequence.always if doing == CALLING else ()
         name = self.called(what)
         arguments = [quoted(self.step.name), self._always(list(always)), literal(tuple(events))]
@@ -458,7 +459,7 @@ class StepWriter:
         step, sequence = self.step, self.sequence
         rows = [row for row in step.receive or () if is_plain_row(row)]
         queued = [row for row in step.receive or () if not is_plain_row(row)]
-        handlers = self.handlers("on_timeout", "on_bad", "on_other", "on_noise", "on_break", "on_closed")
+        handlers = self.handlers("on_timeout", "on_bad", "on_other", "on_noise", *PARKED_EVENTS)
         arguments = [quoted(step.name), str(self.index), self._always(rows), self._always(list(sequence.always))]
         arguments.append(literal(tuple((row.queue, row.room) for row in queued)))
         arguments.append(literal(tuple(handlers)))
@@ -492,7 +493,7 @@ class StepWriter:
                 with self.out.block("if type(got) is Other:"):
                     self.add("it = got.value")
                     self.handle("on_other", handlers["on_other"])
-            for event in ("on_noise", "on_break", "on_closed"):
+            for event in ("on_noise", *PARKED_EVENTS):
                 if event in handlers:
                     with self.out.block(f"if got is {EVENTS[event]}:"):
                         self.handle(event, handlers[event])
@@ -721,7 +722,13 @@ class StepWriter:
             self.add("continue")
 
 
-EVENTS = {"on_noise": "NOISE", "on_break": "BREAK", "on_closed": "CLOSED", "on_byte": "BYTE"}
+EVENTS = {
+    "on_noise": "NOISE",
+    "on_break": "BREAK",
+    "on_closed": "CLOSED",
+    "on_held": "NOT_SENT",
+    "on_byte": "BYTE",
+}
 PARKS = {"pause": "Pause", "hold": "ParkedHold", "call": "ParkedCall", "ask": "Asking", "line": "Changing"}
 
 
@@ -834,7 +841,7 @@ def _hold_break(step: StepWriter, time: Expression) -> None:
 def _hold(step: StepWriter) -> None:
     """Write the loop of a step that is held back; a handler may leave it for another step."""
     before, step.doing = step.doing, PARKED
-    events = step.handlers("on_break", "on_closed")
+    events = step.handlers(*PARKED_EVENTS)
     name = step.called("hold")
     step.module.constants[name] = f"ParkedHold({quoted(step.step.name)}, (), {literal(tuple(events))})"
     step.add(f"got = yield {name}")
@@ -851,7 +858,7 @@ def _hold(step: StepWriter) -> None:
 
 def _gone(step: StepWriter) -> None:
     """Write the source after that loop."""
-    if step.handlers("on_break", "on_closed"):
+    if step.handlers(*PARKED_EVENTS):
         with step.out.block("else:"):  # it was not broken off
             step.add("got = GO")
         with step.out.block("if got is not GO:"):
