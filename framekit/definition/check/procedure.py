@@ -99,6 +99,8 @@ class _ActionChecker:
                 self._note(at, f"on_timeout never comes: step '{step.name}' has no time limit", "add within: TIME")
             elif event == "on_fail" and step.call is None and step.ask is None:
                 self._note(at, f"on_fail never comes: step '{step.name}' calls nothing", "use on_timeout: or on_bad:")
+            elif event == "on_held" and self.protocol.line.clear_time is None:
+                self._note(at, "on_held never comes: the line has no clear_time", "add clear_time: TIME to line:")
             elif event == "on_exhausted" and not _counts(step):
                 what = f"on_exhausted never comes: nothing in step '{step.name}' is counted"
                 self._note(at, what, "add retries: N, or at_most: N to a row")
