@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from command_world import CommandWorld, text_words
+
+from framekit.transport.simulated_line import SimulatedPort, Transmission
 
 DEVICE = """station: SNPID1
 also: snp-x
@@ -80,3 +83,58 @@ def test_refusals(world: CommandWorld, words: list[int], code: int) -> None:
     assert world.do(*words) == code
     (status,) = world.service.status()
     assert status.last_failure is not None and status.last_failure.meaning
+
+
+READ, WRITE = [7101, *ID, 0, R, 1, 4, R, 100], [7102, *ID, 0, R, 1, 4, R, 100]
+MESSAGES = {
+    "attach response": (READ, 0x40, lambda data: data[:2] == b"\x1bX" and data[10] == 0x80),
+    "response": (READ, 0x60, lambda data: data[:3] == b"\x1bX\x81"),
+    "intermediate response": (WRITE, 0x70, lambda data: data[:2] == b"\x1bx"),
+}
+"""A command, the code of a parity fault in its message of this name, and how that message begins."""
+FAULTS: dict[str, tuple[int, Callable[[Transmission], None]]] = {
+    "parity": (0, lambda sent: sent.flip(12, 1)),
+    "framing": (1, lambda sent: sent.flip(12, 1 << 9)),
+    "check": (2, lambda sent: sent.flip(12, 3)),
+    "silence": (6, lambda sent: sent.truncate(0)),
+}
+"""The place of a fault after that code, and what it does."""
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("message", MESSAGES)
+def test_the_status_word_says_which_message_is_at_fault(world: CommandWorld, message: str, fault: str) -> None:
+    words, first, is_message = MESSAGES[message]
+    place, damage = FAULTS[fault]
+    ports = [device.driver.port for device in world.service.devices]
+
+    def on_line(sent: Transmission) -> None:
+        if is_message(bytes(sent.data)):
+            damage(sent)
+
+    for port in ports:
+        assert isinstance(port, SimulatedPort)
+        port.fault = on_line
+    assert world.do(*words) == (first + place) << 8 | 0x0C
+    for port in ports:
+        assert isinstance(port, SimulatedPort)
+        port.fault = None
+    assert world.do(*words) == 1, "the session is opened anew"
+
+
+@pytest.mark.parametrize(("message", "code"), [("response", 0x630C), ("intermediate response", 0x730C)])
+def test_another_message_in_its_place(world: CommandWorld, message: str, code: int) -> None:
+    words, _, is_message = MESSAGES[message]
+    _, _, is_attached = MESSAGES["attach response"]
+    attached = bytearray()
+
+    def on_line(sent: Transmission) -> None:
+        if is_attached(bytes(sent.data)):
+            attached[:] = sent.data
+        elif is_message(bytes(sent.data)):
+            sent.data[:] = attached
+
+    for device in world.service.devices:
+        assert isinstance(device.driver.port, SimulatedPort)
+        device.driver.port.fault = on_line
+    assert world.do(*words) == code
