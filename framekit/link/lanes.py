@@ -72,7 +72,7 @@ class Lanes:
     def begin_exchange(self, lane: LaneState, x: Exchange) -> None:
         """Begin an exchange in a lane that has room, with what its session needs before it."""
         machine = self.machine
-        if machine.late.until or machine.late.open or machine.receiver.has_unread:
+        if machine.late.open or machine.late.holds.until or machine.receiver.has_unread:
             self._clear_line()
             machine.late.prepare(x)
         run = lane.spare

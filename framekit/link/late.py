@@ -798,9 +798,10 @@ def still_due(run: Run) -> None:
 
 def replied(run: Run) -> None:
     """Note that a row takes the frame that came."""
-    asked, run.asked = run.asked, None
+    asked = run.asked
+    run.asked = None
     late = run.machine.late
-    if asked is not None and (late.open or late.until or late.slow.number or late.numbered.is_watching):
+    if asked is not None and (late.open or late.holds.until or late.slow.number or late.numbered.is_watching):
         late.took(run, asked)
 
 

@@ -832,7 +832,7 @@ def _wait(step: StepWriter, time: Expression) -> None:
 
 def _hold_break(step: StepWriter, time: Expression) -> None:
     if step.held:
-        with step.out.block("while late.until and is_held(m, run, x, None):"):
+        with step.out.block("while late.holds.until and is_held(m, run, x, None):"):
             _hold(step)
         _gone(step)
     step.add(f"hold_break(m, run, {step.expression(time)})")
@@ -910,7 +910,7 @@ def _deliver(step: StepWriter, value: Value) -> None:
 
 def _send(step: StepWriter, value: Value) -> None:
     if step.held and not step.step.urgent:
-        with step.out.block(f"while late.until and is_held(m, run, x, {step.value(value)}, {step.names}):"):
+        with step.out.block(f"while late.holds.until and is_held(m, run, x, {step.value(value)}, {step.names}):"):
             _hold(step)
         _gone(step)
     step.send(value, repeats=True)
