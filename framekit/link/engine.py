@@ -296,9 +296,8 @@ class Engine:
 
     def _only_clocks(self, run: Run) -> list[Command]:
         """Do as `_finish` where the only effect of an event is that the clock of a run begins."""
-        deadline = min(run.deadline, self.output.held_until)
-        if deadline < self.deadline:
-            self.deadline = deadline
+        if run.deadline < self.deadline:
+            self.deadline = run.deadline
         commands = self.output.commands
         if commands:
             self.output.commands = []
@@ -314,10 +313,6 @@ class Engine:
         if run.unsent > 1:
             run.unsent -= 1
             return
-        self._start_clock(run, now)
-
-    def _start_clock(self, run: Run, now: int) -> None:
-        """Start the time limits of a run that has nothing left to send."""
         run.unsent = 0
         if not run.clock_waits or run.state is DONE:
             return
@@ -333,6 +328,8 @@ class Engine:
         """Set the control lines (cts, dsr, dcd, ri). Frames are sent only while clear-to-send is on."""
         self.scope.now = now
         self.output.clear_to_send = lines.get("cts", True)
+        if self.output.clear_to_send:
+            self.output.held_until = NEVER
         self.output.poll()
         return self._finish()
 
@@ -470,7 +467,7 @@ class Engine:
                 self._settle(ready)
             finally:
                 self.is_busy = False
-        deadline = self.output.held_until
+        deadline = NEVER
         for run in self.machine.order:
             if run.deadline < deadline:
                 deadline = run.deadline
@@ -485,7 +482,7 @@ class Engine:
         return commands
 
     def _other_deadline(self) -> int:
-        deadline = self.late.until if self.late.items else NEVER
+        deadline = min(self.late.until if self.late.items else NEVER, self.output.held_until)
         if self.session.keep_alive is not None:
             deadline = min(deadline, self._keep_alive_at())
         if self.lanes.is_holding:
@@ -731,11 +728,11 @@ class Engine:
         held = self.output.drop_held()
         reason = "clear-to-send stays off"
         self.machine.show("trouble", reason=f"{reason}; frames not sent: {len(held)}")
-        for run in dict.fromkeys(item.run for item in held if item.run is not None):
-            if run.state is DONE:
+        for run, item in {item.run: item for item in held}.items():
+            if run is None or run.state is DONE:
                 continue
-            run.cause = reason
-            self._start_clock(run, self.scope.now)
+            run.cause, run.unsent = reason, 1
+            self._has_left(item, self.scope.now)  # nothing is left to send, so the time limits of the run begin
             if not self.lanes.handle(run, "on_held", NOT_SENT):
                 self.machine.fail_run(run, "held")
 

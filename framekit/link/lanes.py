@@ -38,7 +38,7 @@ class Lanes:
         """In the order in which arriving frames are offered to their runs."""
         self.is_holding = False
         """Whether a listener has been held back."""
-        self.keeps_times = machine.session.keep_alive is not None
+        self.keeps_times = machine.session.keep_alive is not None or machine.output.limits_holds
         """Effects depend on other times than those of runs: keep-alive, lanes held back, the end of the session."""
         self.on_shut: Callable[[], None] | None = None
         """Called once at the end of the session."""

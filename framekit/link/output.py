@@ -42,6 +42,8 @@ class Output:
         self._turnaround = compile_optional(line.turnaround)
         self._key_delay = compile_optional(line.key_delay)
         self._clear_time = compile_optional(line.clear_time)
+        self.limits_holds = line.clear_time is not None
+        """Whether frames that clear-to-send holds back have a time limit."""
         self._has_marks = line.has_marks
         self.is_immediate = self._turnaround is None and self._key_delay is None
 
@@ -116,7 +118,6 @@ class Output:
                 self._change(item)
             elif self.clear_to_send:
                 pending.popleft()
-                self.held_until = NEVER
                 self._give(item)
                 return
             else:
@@ -136,6 +137,7 @@ class Output:
             self.commands.append(SetRts(True))
 
     def _switch_off(self) -> None:
+        """Switch RTS off if nothing leaves."""
         if self._rts and self.outgoing is None:
             self._rts = False
             self.commands.append(SetRts(False))
@@ -163,7 +165,8 @@ class Output:
         self.last_sent = self.scope.now
         if self.pending:
             self.poll()
-        self._switch_off()
+        if self._rts:
+            self._switch_off()
         return item
 
     def clear(self) -> None:
