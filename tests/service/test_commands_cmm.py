@@ -138,3 +138,45 @@ def test_another_message_in_its_place(world: CommandWorld, message: str, code: i
         assert isinstance(device.driver.port, SimulatedPort)
         device.driver.port.fault = on_line
     assert world.do(*words) == code
+
+
+def with_check(data: bytearray) -> None:
+    """Set the check code of a message that was changed."""
+    check = 0
+    for byte in data[:-1]:
+        check ^= byte
+        check = (check << 1 | check >> 7) & 0xFF
+    data[-1] = check
+
+
+@pytest.mark.parametrize("protocol", ["snp-x", "snp-cmm"])
+@pytest.mark.parametrize(
+    ("message", "place", "value", "code"),
+    [
+        ("attach response", -5, 0x54, 0x440C),
+        ("attach response", -4, 9, 0x440C),
+        ("attach response", 10, 0x8F, 0x450C),
+        ("response", -5, 0x54, 0x640C),
+        ("response", 2, 0x82, 0x650C),
+        ("intermediate response", -5, 0x54, 0x740C),
+        ("intermediate response", 2, 0x81, 0x750C),
+    ],
+)
+def test_a_wrong_next_message_and_a_wrong_code(
+    tmp_path: Path, protocol: str, message: str, place: int, value: int, code: int
+) -> None:
+    device = DEVICE
+    if protocol == "snp-x":
+        device = DEVICE.replace("also: snp-x\n", "")
+    world = CommandWorld(tmp_path, protocol, device)
+    words, _, is_message = MESSAGES[message]
+
+    def on_line(sent: Transmission) -> None:
+        if is_message(bytes(sent.data)):
+            sent.data[place] = value
+            with_check(sent.data)
+
+    for one in world.service.devices:
+        assert isinstance(one.driver.port, SimulatedPort)
+        one.driver.port.fault = on_line
+    assert world.do(*words) == code
