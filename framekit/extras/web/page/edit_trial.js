@@ -13,7 +13,12 @@ export class Trial {
     this.form.addEventListener("submit", event => { event.preventDefault(); this.send(); });
   }
 
-  offer({ services = [], run = "", address = "", station = "", why = "" }) {
+  // The form stays as it is when the same is offered again: someone may be typing into it.
+  offer(offered) {
+    const known = JSON.stringify(offered);
+    if (known === this.known) return;
+    this.known = known;
+    const { services = [], run = "", address = "", station = "", why = "" } = offered;
     const before = Object.fromEntries(Object.entries(this.fields).map(([name, field]) => [name, field.value]));
     this.form.replaceChildren();
     this.fields = {};
