@@ -137,7 +137,7 @@ class Output:
             self.commands.append(SetRts(True))
 
     def _switch_off(self) -> None:
-        """Switch RTS off if nothing leaves."""
+        """Switch RTS off unless a frame is leaving."""
         if self._rts and self.outgoing is None:
             self._rts = False
             self.commands.append(SetRts(False))

@@ -61,12 +61,12 @@ class OpenRequest:
         """Whether an engine of another protocol sent it: every frame may be its reply, and no frame closes it."""
 
     def fits(self, reply: FrameValue, table: FrameTable) -> bool:
-        """Return whether a reply is a frame that this request waited for, and repeats what its definition says."""
+        """Return whether a reply is a frame that this request waited for, and repeats the fields that its definition names."""
         is_kind = not self.frames or reply.frame in self.frames
         return is_kind and table.repeats(reply, self.asked, self.sent, self.names)
 
     def is_repeated_by(self, other: OpenRequest) -> bool:
-        """Return whether another request is this one, or has the same bytes and the same exchange."""
+        """Return whether another request is the same object, or has the same bytes and the same exchange."""
         if other is self:
             return True
         sent, again = self.sent, other.sent
@@ -78,7 +78,7 @@ class OpenRequest:
         return limits.get(found, "")
 
     def prompt(self, latest: Latest, now: int) -> Prompt:
-        """Return what a reply that comes now came with, and whether a slightly longer time limit would have caught it.
+        """Return the event that a reply came with that comes now, and whether a slightly longer time limit would have caught it.
 
         A request of a later exchange with the station, or a repeat of this request, may have prompted it.
         """

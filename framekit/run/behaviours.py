@@ -215,7 +215,7 @@ class Starting(Behaviour):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hold(Behaviour):
-    """Stands there until someone writes something else."""
+    """Keeps its value until a client writes another."""
 
     word: ClassVar[str] = "hold"
     hold: float = key("hold", AMOUNT, "A start value; what is written there stays.")
@@ -351,7 +351,7 @@ class NoiseBetween(Behaviour):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Counter(Starting):
-    """Adds something each time: it counts, and it integrates what an expression is."""
+    """Adds a number each time: it counts, or integrates the value of an expression."""
 
     word: ClassVar[str] = "counter"
     counter: Expression = key("counter", FORMULA, "What is added each time: a number, or an expression.")
@@ -374,7 +374,7 @@ class Counter(Starting):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Follow(Starting):
-    """Is what an expression says, at once or slowly."""
+    """Follows the value of an expression, at once or slowly."""
 
     word: ClassVar[str] = "follow"
     follow: Expression = key("follow", FORMULA, "An expression over names of behaviours and addresses.")
