@@ -207,6 +207,24 @@ def test_an_exchange_is_never_broken_off(tmp_path: Path) -> None:
     assert [seen for _, seen in bench.seen if seen.kind == "bad"] == []
 
 
+def test_address_and_size_of_a_block_change_after_its_exchange(tmp_path: Path) -> None:
+    """As Table 81 of the Snet manual allows: the exchange under way ends with the old values."""
+    bench = Bench(tmp_path)
+    bench.clock.run_for(301 * MS)
+    assert bench.counts(0) == (1, 0, 0), "it runs"
+    bench.edit(
+        (
+            '0: {read: "40001", channel: 1, station: 1, into: M0',
+            '0: {read: "40001", count: 2, channel: 1, station: 1, into: M20',
+        )
+    )
+    bench.clock.run_for(200 * MS)
+    assert len(bench.edits) == 1 and bench.memory.read("M", "word", 0, 2) == [11, 0]
+    assert bench.memory.read("M", "word", 20, 2) == [0, 0]
+    bench.clock.run_for(2 * SECOND)
+    assert bench.memory.read("M", "word", 20, 2) == [11, 12] and bench.memory.read("M", "word", 0, 2) == [11, 0]
+
+
 def test_an_edit_that_waits_gives_way_to_the_next(tmp_path: Path) -> None:
     bench = Bench(tmp_path)
     bench.edit(text=RUN.replace("station: 1, into: M0", "station: 9, into: M0"))
