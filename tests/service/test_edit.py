@@ -222,7 +222,7 @@ def test_address_and_size_of_a_block_change_after_its_exchange(tmp_path: Path) -
     assert len(bench.edits) == 1 and bench.memory.read("M", "word", 0, 2) == [11, 0]
     assert bench.memory.read("M", "word", 20, 2) == [0, 0]
     bench.clock.run_for(2 * SECOND)
-    assert bench.memory.read("M", "word", 20, 2) == [11, 12] and bench.memory.read("M", "word", 0, 2) == [11, 0]
+    assert bench.memory.read("M", "word", 20, 2) == [11, 12]
 
 
 def test_an_edit_that_waits_gives_way_to_the_next(tmp_path: Path) -> None:
