@@ -61,7 +61,7 @@ class OpenRequest:
         """Whether an engine of another protocol sent it: every frame may be its reply, and no frame closes it."""
 
     def fits(self, reply: FrameValue, table: FrameTable) -> bool:
-        """Return whether a reply is a frame that this request waited for, and repeats the fields that its definition names."""
+        """Return whether this request waited for such a reply, and it repeats the fields that its definition names."""
         is_kind = not self.frames or reply.frame in self.frames
         return is_kind and table.repeats(reply, self.asked, self.sent, self.names)
 
@@ -78,7 +78,7 @@ class OpenRequest:
         return limits.get(found, "")
 
     def prompt(self, latest: Latest, now: int) -> Prompt:
-        """Return the event that a reply came with that comes now, and whether a slightly longer time limit would have caught it.
+        """Return the event that a present reply came with, and whether a slightly longer limit would have caught it.
 
         A request of a later exchange with the station, or a repeat of this request, may have prompted it.
         """
