@@ -19,6 +19,7 @@ LISTS = ROOT / "tests" / "checklists"
 PAGES = ROOT / "docs" / "protocols"
 SOURCES = "| source | files | cases |"
 ROWS = "| rows | what | state | where tested |"
+_TEST = re.compile(r"^(?:async )?def test_", re.MULTILINE)
 _ID = re.compile(r"([A-Z]+)-?(\d+)")
 
 
@@ -91,12 +92,12 @@ def _table(lines: list[str], head: str) -> Iterator[tuple[int, list[str]]]:
 
 
 def cases(path: Path) -> str:
-    """Return the number of cases of a file of vectors, in words; for files of tests the word `tests`."""
+    """Return the number of cases of a file of vectors, or of the tests of a file, in words."""
     if path.suffix == ".yaml":
         content = yaml.load(path.read_text(encoding="utf-8"), yaml.CSafeLoader)
         counts = {kind: len(content.get(kind, ())) for kind in ("frames", "conversations")}
         return ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)
-    return "tests"
+    return f"{len(_TEST.findall(path.read_text(encoding='utf-8')))} tests"
 
 
 def filled_in(page: Path) -> str:
@@ -105,7 +106,7 @@ def filled_in(page: Path) -> str:
     stripped = [line.rstrip("\n") for line in lines]
     for number, cells in _table(stripped, SOURCES):
         files = [ROOT / name for name in re.findall(r"`([^`]+)`", cells[1])]
-        counted = "; ".join(dict.fromkeys(cases(file) for file in files))
+        counted = "; ".join(cases(file) for file in files)
         lines[number - 1] = f"| {cells[0]} | {cells[1]} | {counted} |\n"
     return "".join(lines)
 
