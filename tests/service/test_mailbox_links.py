@@ -103,8 +103,8 @@ def test_faults_state_and_who_may() -> None:
         assert bench.call(service).code == 0x05F1, "only for the programmer"
     assert bench.call("set_state", state=0).code == 0x05F1
     bench.device.set("plc_faults", [FAULT, FAULT | {"slot": 4}])
-    bench.device.set("plc_fault_news", 1)
-    assert bench.ok("short_status")["plc"]["plc_fault"] == 1
+    status = bench.ok("short_status")["plc"]
+    assert (status["plc_fault"], status["plc_fault_news"], status["io_fault_news"]) == (1, 1, 0)
     table = bench.ok("plc_faults")["faults"]
     assert [fault["slot"] for fault in table["faults"]] == [3, 4]
     assert table["present"] == 2
@@ -114,7 +114,10 @@ def test_faults_state_and_who_may() -> None:
     assert bench.ok("short_status")["plc"]["programmer"] == 1
     assert bench.call("set_state", state=0).code == 0x05F2, "not with faults"
     bench.ok("clear_plc_faults")
+    status = bench.ok("short_status")["plc"]
+    assert (status["plc_fault"], status["plc_fault_news"]) == (0, 1), "cleared since this master read it"
     assert bench.ok("plc_faults")["faults"]["faults"] == []
+    assert bench.ok("short_status")["plc"]["plc_fault_news"] == 0
     bench.device.set("program_invalid", 1)
     assert bench.call("set_state", state=0).code == 0x05F2, "nor with an invalid program"
     bench.device.set("program_invalid", 0)
