@@ -103,6 +103,8 @@ READS = [
     # PLC-5/250: module and levels (B9)
     ("plc5_250", "1N5:300", 1, {}, ["0F 68 00 00 01 00 3F 1F 02 00 01 05 FF 2C 01 01 00"]),
     ("plc5_250", "N7:3", 1, {}, ["0F 68 00 00 01 00 3F 00 02 00 01 07 03 01 00"]),
+    ("plc5_250", "1T4:2.ACC", 1, {}, ["0F 68 00 00 01 00 7F 1F 02 00 05 04 02 04 01 00"]),
+    ("plc5_250", "C5:1.PRE", 1, {}, ["0F 68 00 00 01 00 7F 00 02 00 06 05 01 05 01 00"]),
 ]
 
 
@@ -153,6 +155,8 @@ BOTH_WAYS = [
     ("plc5_250", {}, "1N7:30", [4]),
     ("plc5_250", {}, "N7:30", [4, 5]),
     ("plc5_250", {}, "F8:30", [0x447A0000]),
+    ("plc5_250", {}, "1T4:2.ACC", [12]),
+    ("plc5_250", {}, "C5:1.PRE", [13]),
 ]
 
 
@@ -195,6 +199,15 @@ def test_a_bit_leaves_the_others_of_its_word_alone() -> None:
             assert pair.memory.read(memory, "word", 2, 1) == [0xA5A8]
             assert pair.write("N7:2/5", [0]).ok
             assert pair.memory.read(memory, "word", 2, 1) == [0xA588]
+
+
+def test_members_of_a_plc5_250_are_words_of_their_element() -> None:
+    """Levels 3 and 4 of a timer, 5 and 6 of a counter (4.4)."""
+    pair = Pair("plc5_250")
+    for address, value in (("T4:2.PRE", 1), ("T4:2.ACC", 2), ("C5:2.PRE", 3), ("C5:2.ACC", 4)):
+        assert pair.write(address, [value]).ok
+    assert pair.memory.read("file4", "word", 6, 6) == [0, 1, 2, 0, 0, 0]
+    assert pair.memory.read("file5", "word", 6, 6) == [0, 3, 4, 0, 0, 0]
 
 
 def test_floats_have_the_high_word_first_by_word_range_commands() -> None:

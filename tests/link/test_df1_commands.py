@@ -210,6 +210,31 @@ def test_the_compatibility_file_of_a_plc5_is_that_of_the_sender() -> None:
     assert pair.memory.read("file7", "word", 0, 1) == [0x0201]
 
 
+def test_the_compatibility_file_of_a_plc3_has_the_octal_number_of_the_sender() -> None:
+    pair = Pair("plc3", node=8)
+    pair.done("unprotected_write", address=0, data=b"\x01\x02")
+    assert pair.memory.read("file10", "word", 0, 1) == [0x0201]
+
+
+def test_a_plc3_refuses_odd_addresses_and_sizes() -> None:
+    """The list of 2.8: STS 10; 30 after a shutdown."""
+    pair = Pair("plc3")
+    for kind in ("protected_write", "unprotected_write"):
+        assert pair.refused(kind, address=3, data=b"\x01\x02") == 0x10
+        assert pair.refused(kind, address=2, data=b"\x01") == 0x10
+    assert pair.refused("unprotected_read", address=3, size=2) == 0x10
+    assert pair.refused("unprotected_read", address=2, size=3) == 0x10
+    assert pair.refused("file_write_words", file=7, data=b"\x01\x02\x03") == 0x10
+    assert pair.refused("file_write_words", file=7, data=b"") == 0x10
+    assert pair.refused("word_range_read", file=7, element=0, words=0) == 0x10
+    pair.done("upload_request")
+    pair.done("shutdown")
+    assert pair.refused("unprotected_read", address=2, size=2) == 0x30
+    assert pair.refused("word_range_read", file=7, element=0, words=1) == 0x30
+    pair.done("restart_request")
+    pair.done("unprotected_write", address=2, data=b"\x01\x02")
+
+
 @pytest.mark.parametrize("kind", ["protected", "unprotected"])
 def test_bits_and_protected_writes(kind: str) -> None:
     pair = Pair("plc2")
@@ -240,10 +265,16 @@ def test_words_typed_values_and_masks() -> None:
     assert (section["size"], section["count"]) == (3000, 1000)
 
 
+def test_masks_change_words_of_elements_of_several_words() -> None:
+    pair = Pair("plc5")
+    pair.done("read_modify_write", sets=[{"file": 14, "element": 2, "sub": 1, "and_mask": 0xFFFF, "or_mask": 0x8000}])
+    assert pair.memory.read("file14", "word", 0, 14) == [0] * 13 + [0x8000]
+
+
 def test_words_with_masks_of_their_own_size() -> None:
     pair = Pair("plc5_250")
     pair.memory.write("file7", "word", 1, [0x00FF])
-    sets = [{"file": 7, "element": 1, "mask_size": 2, "and_mask": 0x0F0F, "or_mask": 0x8000}]
+    sets = [{"area": 2, "section": 1, "file": 7, "element": 1, "mask_size": 2, "and_mask": 0x0F0F, "or_mask": 0x8000}]
     assert pair.gives("read_modify_write_n", sets=sets) == b"\x0f\x80"
     assert pair.refused("read_modify_write_n", sets=[{**sets[0], "mask_size": 4}]) == 0xF012
     section = pair.gives("section_size", file=7)

@@ -220,6 +220,8 @@ class Work:
 
     def span_of(self, fields: Mapping[str, Evaluate], names: Names) -> Span:
         """Return the place that `area|memory|code|text, unit, start, count` mean. Raise UnknownAreaError."""
+        if "memory" in fields:
+            names = Names({"own_bytes": self.areas.own_bytes(str(fields["memory"](names)))}, names)
         given = {name: compute(names) for name, compute in fields.items() if name != "data"}
         return span_of(self.areas, self.grammar, self.codes, given)
 
