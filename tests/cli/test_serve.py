@@ -215,6 +215,7 @@ def test_nobody_reads_the_output_any_more() -> None:
         (("modbus-pdu", "--port", "pty:"), "has no line of its own", 2),
         (("masterlogic.memory.yaml", "--port", "pty:"), "there is no", 2),
         (("mldp", "--port", "pty:", "--station", "32"), "--station 32: station 32 is not in 0..31", 2),
+        (("ge-rtu", "--port", "pty:", "--station", "248"), "--station 248: station 248 is not in 0..247", 2),
         (("mldp", "--port", "pty:", "--station", "1,1"), "--station 1,1: station 1 stands here twice", 2),
         (("mldp", "--port", "pty:", "--set", "Q1=1"), "--set Q1=1: ", 2),
         (("mldp", "--port", "pty:", "--set", "M1"), "'M1' is not ADDRESS=VALUE", 2),

@@ -228,6 +228,11 @@ def test_peers(tmp_path: Path) -> None:
     assert world.do(6101, 5, 1, 1, 1, 20) == error(25)
 
 
+def test_a_peer_that_refuses_every_enquiry_has_a_code_of_its_own(tmp_path: Path) -> None:
+    world = CommandWorld(tmp_path, "ccm", "station: 5\nrole: peer\nparams: {busy: yes}\n", ", role: peer, own: 1")
+    assert world.do(6101, 5, 1, 1, 1, 20) == error(24)
+
+
 def test_a_command_without_timers_ends_by_its_own(tmp_path: Path) -> None:
     world = CommandWorld(tmp_path, "ccm", DEVICE, ", role: master, own: 1, params: {timeouts: none}")
     assert world.do(6101, 5, 1, 101, 1, 200) == 1
