@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -11,7 +12,8 @@ from link.test_df1_commands import Pair as Commands
 from spread import spread
 
 from framekit.link.addresses import AddressError
-from framekit.link.services.client import TransferResult
+from framekit.link.events import Command
+from framekit.link.services.client import Done, TransferResult
 from framekit.link.services.rows import ServiceError
 from framekit.memory.memory import unit_bits
 
@@ -47,6 +49,11 @@ class Pair(Commands):
         results: list[TransferResult] = []
         options = {"station": NODE, "params": params, "now": self.asking.now, "on_done": results.append}
         self.asking.do(self.client.write(address, values, **options).commands)
+        return self._finish(results)
+
+    def until_done(self, begin: Callable[[Done], list[Command]]) -> TransferResult:
+        results: list[TransferResult] = []
+        self.asking.do(begin(results.append))
         return self._finish(results)
 
     def commands(self) -> list[str]:
@@ -208,6 +215,24 @@ def test_members_of_a_plc5_250_are_words_of_their_element() -> None:
         assert pair.write(address, [value]).ok
     assert pair.memory.read("file4", "word", 6, 6) == [0, 1, 2, 0, 0, 0]
     assert pair.memory.read("file5", "word", 6, 6) == [0, 3, 4, 0, 0, 0]
+
+
+def test_named_commands_of_a_plc5_250_have_its_levels() -> None:
+    """Level 1 is 2, data; level 3 the section (4.4)."""
+    pair = Pair("plc5_250")
+    pair.done("word_range_write", file=7, element=3, data=b"\x34\x12\x78\x56")
+    assert pair.gives("word_range_read", file=7, element=4, words=1) == b"\x78\x56"
+    pair.done("typed_write", file=7, element=3, data=b"\x01\x00")
+    assert pair.gives("typed_read", file=7, element=3, count=1)["values"] == b"\x01\x00"
+    assert pair.gives("section_size", file=7)["size"] == 1000
+    place = "3F 00 02 00 01 07"
+    assert pair.commands() == [
+        f"0F 00 00 00 02 00 {place} 03 34 12 78 56", f"0F 01 00 00 01 00 {place} 04 02",
+        f"0F 67 00 00 01 00 {place} 03 42 01 00", f"0F 68 00 00 01 00 {place} 03 01 00", f"0F 29 {place} 00",
+    ]  # fmt: skip
+    pair = Pair("plc3")
+    pair.gives("section_size", file=10)
+    assert pair.commands() == ["0F 29 2C 08 0A 00"]
 
 
 def test_floats_have_the_high_word_first_by_word_range_commands() -> None:
