@@ -364,6 +364,37 @@ def test_an_old_plc5_is_uploaded_in_fixed_blocks() -> None:
     assert pair.gives("status")["family"] == "plc5_15"
 
 
+class SlowPair(Pair):
+    """A pair on a line that takes 400 ms for each transmission; `asked` are the functions of commands 0F."""
+
+    def until_done(self, begin: Callable[[Done], list[Command]]) -> TransferResult:
+        results: list[TransferResult] = []
+        self.asked: list[int] = []
+        self.asking.do(begin(results.append))
+        sides = (self.asking, self.device)
+        while not results:
+            for side, peer in (sides, sides[::-1]):
+                for data in side.taken():
+                    for one in sides:
+                        one.run(400_000_000)
+                    packet = data[2:].replace(b"\x10\x10", b"\x10")
+                    if side is self.asking and packet[2:3] == b"\x0f":
+                        self.asked.append(packet[6])
+                    peer.do(peer.engine.receive(data, peer.now))
+            for side in sides:
+                side.run(0)
+        return results[0]
+
+
+def test_a_slow_upload_of_an_old_plc5_renews_its_request() -> None:
+    """The request lapses after 90 s (3.8, 3.9)."""
+    pair = SlowPair("plc5", transfer="blocks")
+    memory = filled(pair)
+    assert pair.gives("upload") == part(0, memory[:14]) + part(0xA00, memory[0xA00:0x3FF0])
+    assert pair.asked.count(0x17) == 1 + 107 + 1
+    assert pair.asked.count(0x53) == 4
+
+
 def test_an_slc_is_uploaded_and_downloaded() -> None:
     for kind in ("modular", "fixed"):
         pair = Pair("slc", slc_kind=kind)
