@@ -288,8 +288,8 @@ def test_a_read_leaves_nothing_to_the_collector() -> None:
 
 CODES_OF_A_READ = {
     "mldp": (("%MW100", 1, "client", None), 3350, 3460),
-    "srtp": (("%R1", None, "client", None), 3950, 4920),
-    "df1": (("N7:0", 1, "full", 0), 7610, 8690),
+    "srtp": (("%R1", None, "client", None), 3950, 4990),
+    "df1": (("N7:0", 1, "full", 0), 7610, 8974),
 }
 """Current values: place, station, role and own station; byte codes of client and server for ten words."""
 

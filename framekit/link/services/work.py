@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from framekit.definition.expression import Expression, Name, Text
+from framekit.definition.model.frames import names_read
 from framekit.definition.model.procedure import Target as SetTarget
 from framekit.definition.model.services import After, BlockWork, PlaceOf, ServeWork
 from framekit.definition.model.values import LayoutOf, Value
@@ -153,6 +154,7 @@ class Work:
         self._part = self.part_compiler(self._values, areas)
         self._holds = {name: (item.layout, item.type) for name, item in shared.protocol.state.items()}
         self.moves_data = work.moves_data
+        self._reads_own_bytes = "own_bytes" in names_read(work)
         self._let = [(name, self._values.compile(value)) for name, value in work.let.items()]
         self._write = None if work.write is None else self._fields(work.write)
         self._span = None if work.span is None else self._fields(work.span)
@@ -220,7 +222,7 @@ class Work:
 
     def span_of(self, fields: Mapping[str, Evaluate], names: Names) -> Span:
         """Return the place that `area|memory|code|text, unit, start, count` mean. Raise UnknownAreaError."""
-        if "memory" in fields:
+        if self._reads_own_bytes and "memory" in fields:
             names = Names({"own_bytes": self.areas.own_bytes(str(fields["memory"](names)))}, names)
         given = {name: compute(names) for name, compute in fields.items() if name != "data"}
         return span_of(self.areas, self.grammar, self.codes, given)
