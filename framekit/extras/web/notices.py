@@ -42,7 +42,8 @@ class Notices:
                 notice = self._present[key] = self._all[self._last] = Notice(self._last, text, now)
                 self.round += 1
                 while len(self._all) > MOST_NOTICES:
-                    self._all.popitem(last=False)
+                    over = (number for number, known in self._all.items() if known.ended is not None)
+                    del self._all[next(over, next(iter(self._all)))]  # a trouble that lasts stays
             elif notice.text != text:
                 notice.text = text
                 self.round += 1

@@ -182,3 +182,13 @@ def test_the_chart_library_is_served_only_as_the_known_version(
     monkeypatch.setattr(assets, "CHART_WHEEL", "no-such-wheel")
     assert assets.chart_files() == {}
     assert "another version" in caplog.text and "install the extra 'web'" in caplog.text
+
+
+def test_a_trouble_that_lasts_stays_among_many_that_are_over() -> None:
+    notices = Notices()
+    notices.look({"sink": "cannot write"}, 0)
+    for number in range(2 * MOST_NOTICES):
+        notices.look({"sink": "cannot write", "line": f"no reply {number}"}, number)
+        notices.look({"sink": "cannot write"}, number)
+    found = list(notices)
+    assert len(found) == MOST_NOTICES and found[0].text == "cannot write" and found[0].ended is None

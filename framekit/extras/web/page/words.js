@@ -13,8 +13,10 @@ export const clock = seconds => new Date(seconds * 1000).toTimeString().slice(0,
 export function value(text, number) {
   if (text === "-") return "–";
   if (number === null || number === undefined || !/^-?\d+(\.\d+)?$/.test(text)) return text;
-  const [whole, part] = text.split(".");
-  const digits = part?.length > 6 ? String(Number(number.toPrecision(8))).split(".")[1] : part;
+  const isLong = text.split(".")[1]?.length > 6;
+  const rounded = isLong ? String(Number(number.toPrecision(8))) : text;
+  if (rounded.includes("e")) return rounded;
+  const [whole, digits] = rounded.split(".");
   const sign = whole.startsWith("-") ? "-" : "";
   const grouped = whole.replace("-", "").replace(/\B(?=(\d{3})+$)/g, "\u202f");
   return sign + grouped + (digits ? `.${digits}` : "");
