@@ -9,6 +9,7 @@ from framekit.link.overdue import LONGEST, OpenRequest
 from framekit.link.values import FrameValue
 
 MOST_HURRIED = 2
+"""Further equal replies, at most, that are waited for with short silences."""
 
 
 class Doubt:
@@ -21,9 +22,11 @@ class Doubt:
 
     def __init__(self, station: Any, now: int) -> None:
         self.station = station
+        """Station of the exchange; None: the exchange has no station."""
         self.began = self.gathers_from = now
         """Begin of the exchange in doubt, and of the present gathering of replies (ns)."""
         self.restarts = 0
+        """Number of gatherings before the present gathering."""
         self.is_held = False
         """Whether the line is held after the last reply, so that the next one does not come quickly."""
         self.asks: list[tuple[OpenRequest, int]] = []
@@ -33,6 +36,7 @@ class Doubt:
         self.result: object = None
         """Content of the last reply."""
         self.reply: FrameValue | None = None
+        """The last reply."""
         self.first: bytes | None = None
         """Bytes of the first reply."""
         self.equal = 0
@@ -40,11 +44,13 @@ class Doubt:
         self.since = now
         """Time of the first of these equal replies."""
         self.changes = 0
+        """Number of replies in this gathering whose content was not that of the reply before."""
         self.quickest = LONGEST
         """Shortest time between a request of the exchange and its reply (ns)."""
         self.extra = 0
         """Time of the last reply that came without a request."""
         self.is_draining = self.was_drained = False
+        """Whether no request is sent until open replies have come or are too old; whether such a silence is over."""
 
     def go_on(self, now: int) -> None:
         """Go on in an exchange that begins, perhaps after exchanges with other stations."""

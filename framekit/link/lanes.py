@@ -39,7 +39,7 @@ class Lanes:
         self.is_holding = False
         """Whether a listener has been held back."""
         self.keeps_times = machine.session.keep_alive is not None or machine.output.limits_holds
-        """Effects depend on other times than those of runs: keep-alive, lanes held back, the end of the session."""
+        """Effects depend on other times than those of runs: keep-alive, lanes or frames held back, end of session."""
         self.on_shut: Callable[[], None] | None = None
         """Called once at the end of the session."""
         self.lane_of: dict[str | None, LaneState] = {}

@@ -58,7 +58,7 @@ class LateReplies:
     """Track the open requests of a line; decide about sending and storing."""
 
     __slots__ = (
-        "_behind", "_doubts", "_expected", "_greatest", "_is_stream", "_late", "_proved", "_scope", "_seen", "_served",
+        "_doubts", "_expected", "_greatest", "_is_stream", "_late", "_proved", "_scope", "_seen", "_served", "_shifted",
         "_table", "ahead", "count", "heard_until", "holds", "is_shared", "items", "last", "latest", "lost", "noisy",
         "numbered", "on_end", "on_wait", "open", "slow", "strange_since", "within",
     )  # fmt: skip
@@ -100,7 +100,7 @@ class LateReplies:
         """For each station the greatest lateness, and when it was measured."""
         self._proved: bytes | None = None
         """Bytes of the reply that was proved last."""
-        self._behind = 0
+        self._shifted = 0
         """Number of proofs in sequence that began with these bytes, and ended with others."""
         self.strange_since = 0
         """Time of the first frame in this hold that answers no open request; 0: none came."""
@@ -673,12 +673,12 @@ class LateReplies:
 
     def _note_kept(self, doubt: Doubt, oldest: OpenRequest, x: Exchange, reply: FrameValue) -> None:
         """Note a proof that began with the reply to the last request of the proof before: a device keeps replies."""
-        is_behind = doubt.first is not None and doubt.first != reply.raw and doubt.first == self._proved
+        is_shifted = doubt.first is not None and doubt.first != reply.raw and doubt.first == self._proved
         if doubt.first == reply.raw:
-            self._behind = 0
+            self._shifted = 0
             self.slow.answered_itself(x.station)
-        self._behind += is_behind
-        if is_behind and self._behind >= MOST_CHANGES:
+        self._shifted += is_shifted
+        if is_shifted and self._shifted >= MOST_CHANGES:
             time, limit = self._scope.now - oldest.at, oldest.limit(self.expected.limits)
             self.slow.answered_late(x.station, time, limit, self._scope.now, Prompt("request", is_just_late=False))
         self._proved = reply.raw

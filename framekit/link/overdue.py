@@ -61,7 +61,7 @@ class OpenRequest:
         """Whether an engine of another protocol sent it: every frame may be its reply, and no frame closes it."""
 
     def fits(self, reply: FrameValue, table: FrameTable) -> bool:
-        """Return whether this request waited for such a reply, and it repeats the fields that its definition names."""
+        """Return whether a reply is of a kind that this request waited for, and repeats the fields of its `echo`."""
         is_kind = not self.frames or reply.frame in self.frames
         return is_kind and table.repeats(reply, self.asked, self.sent, self.names)
 

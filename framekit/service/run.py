@@ -361,11 +361,11 @@ class RunService(ChannelOwner):
 
     def is_explained(self, channel: int, station: Hashable) -> bool:
         """Return whether a reported trouble of a channel explains that the values of a station are too old."""
-        blocks = [
+        blocks = (
             state
             for state in self.states.values()
             if state.block.channel == channel and (station is None or self._station_of(state) == station)
-        ]
+        )
         return self.delays.explains(channel, station, blocks)
 
     def under_way(self, channel: int, station: Hashable) -> str:
