@@ -50,7 +50,7 @@ class Doubt:
         self.extra = 0
         """Time of the last reply that came without a request."""
         self.is_draining = self.was_drained = False
-        """Whether no request is sent until open replies have come or are too old; whether a silence like this is over."""
+        """Whether no request is sent until open replies have come or are too old; whether that silence has ended."""
 
     def go_on(self, now: int) -> None:
         """Go on in an exchange that begins, perhaps after exchanges with other stations."""
